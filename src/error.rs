@@ -1,0 +1,204 @@
+//! What can go wrong before a job starts: bad input and I/O. (A job that fails is a row with a status.)
+
+use std::path::{Path, PathBuf};
+
+use miette::{Diagnostic, NamedSource, SourceSpan};
+
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Bad input or I/O; the program ends with exit code 2.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum Error {
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Input(Box<InputError>),
+    #[error("cannot {action} {}: {source}", path.display())]
+    #[diagnostic(help("{}", hint(source, path)))]
+    Io { action: &'static str, path: PathBuf, source: std::io::Error },
+    #[error("cannot {action} {}: {reason}", path.display())]
+    Table { action: &'static str, path: PathBuf, reason: String },
+}
+
+/// Something wrong at a place in a file: what was found, what is allowed, how to mend it.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{message}")]
+pub struct InputError {
+    pub message: String,
+    #[source_code]
+    pub source_code: NamedSource<String>,
+    #[label("{label}")]
+    pub span: Option<SourceSpan>,
+    pub label: String,
+    #[help]
+    pub help: Option<String>,
+}
+
+impl Error {
+    pub fn io(action: &'static str, path: &Path, source: std::io::Error) -> Self {
+        Error::Io { action, path: path.to_owned(), source }
+    }
+
+    pub fn table(action: &'static str, path: &Path, reason: impl ToString) -> Self {
+        Error::Table { action, path: path.to_owned(), reason: reason.to_string() }
+    }
+}
+
+fn hint(source: &std::io::Error, path: &Path) -> String {
+    match source.kind() {
+        std::io::ErrorKind::NotFound => match nearest_file(path) {
+            Some(near) => format!("no such file; did you mean `{}`?", near.display()),
+            None => "no such file: paths in a study file are relative to the study file".to_owned(),
+        },
+        std::io::ErrorKind::PermissionDenied => "check the permissions of the file and its folder".to_owned(),
+        std::io::ErrorKind::StorageFull => "free some space and run again: finished jobs are kept".to_owned(),
+        _ => "check that the path is right and readable".to_owned(),
+    }
+}
+
+fn nearest_file(path: &Path) -> Option<PathBuf> {
+    let name = path.file_name()?.to_str()?;
+    let folder = path.parent()?;
+    let names: Vec<String> = std::fs::read_dir(if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
+        .ok()?
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .collect();
+    nearest(name, names.iter().map(String::as_str)).map(|near| folder.join(near))
+}
+
+/// The allowed word nearest to a misspelt one, if one is near.
+pub fn nearest<'a>(found: &str, allowed: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    allowed
+        .into_iter()
+        .map(|word| (strsim::damerau_levenshtein(found, word), word))
+        .filter(|&(distance, word)| distance <= 2.max(found.len().max(word.len()) / 3))
+        .min_by_key(|&(distance, _)| distance)
+        .map(|(_, word)| word)
+}
+
+/// A text file and where it came from; turns places in it into errors.
+#[derive(Clone, Debug)]
+pub struct SourceFile {
+    pub path: PathBuf,
+    pub text: String,
+}
+
+impl SourceFile {
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+        match String::from_utf8(bytes) {
+            Ok(text) => Ok(Self { path: path.to_owned(), text }),
+            Err(error) => {
+                let line = error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count();
+                let file = Self { path: path.to_owned(), text: String::new() };
+                Err(file.error(
+                    None,
+                    format!("{}: line {} is not UTF-8 text", path.display(), line + 1),
+                    "",
+                    Some("save the file as UTF-8, or check that it is the file you meant".to_owned()),
+                ))
+            }
+        }
+    }
+
+    /// An error at a byte range of this file.
+    pub fn error(
+        &self,
+        span: Option<std::ops::Range<usize>>,
+        message: impl Into<String>,
+        label: impl Into<String>,
+        help: Option<String>,
+    ) -> Error {
+        Error::Input(Box::new(InputError {
+            message: message.into(),
+            source_code: NamedSource::new(self.path.display().to_string(), self.text.clone()),
+            span: span.map(|s| (s.start, s.end.saturating_sub(s.start)).into()),
+            label: label.into(),
+            help,
+        }))
+    }
+
+    /// The byte range of a line, counted from 1.
+    pub fn line_span(&self, line: usize) -> Option<std::ops::Range<usize>> {
+        let start = match line {
+            0 | 1 => 0,
+            _ => self.text.match_indices('\n').nth(line - 2)?.0 + 1,
+        };
+        let end = self.text[start..].find('\n').map_or(self.text.len(), |n| start + n);
+        Some(start..end)
+    }
+
+    /// An error of the TOML reader, with a suggestion where a word was misspelt.
+    pub fn toml_error(&self, error: &toml::de::Error) -> Error {
+        let message = error.message().to_owned();
+        let mut help = None;
+        if message.starts_with("unknown field") || message.starts_with("unknown variant") {
+            let words: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+            help = words
+                .split_first()
+                .and_then(|(found, allowed)| nearest(found, allowed.iter().copied()))
+                .map(|near| format!("did you mean `{near}`?"));
+        } else if let Some(missing) = message.strip_prefix("missing field ") {
+            help = Some(format!("add the key {missing} to this table"));
+        }
+        self.error(error.span(), message, "here", help)
+    }
+
+    /// The byte range of the value at a path of a TOML file, or of the deepest part of the path that is
+    /// there. An array of tables is entered by its tables' `name`, any array by index.
+    pub fn toml_span(&self, path: &[String]) -> Option<std::ops::Range<usize>> {
+        use toml::de::{DeTable, DeValue};
+        fn step(value: &DeValue<'_>, path: &[String], here: std::ops::Range<usize>) -> std::ops::Range<usize> {
+            let Some((key, rest)) = path.split_first() else { return here };
+            match value {
+                DeValue::Table(table) => match table.iter().find(|(k, _)| k.get_ref() == key) {
+                    Some((k, v)) => step(v.get_ref(), rest, k.span().start..v.span().end.max(k.span().end)),
+                    None => here,
+                },
+                DeValue::Array(items) => {
+                    let named = |item: &DeValue<'_>| match item {
+                        DeValue::Table(t) => t.iter().any(|(k, v)| {
+                            k.get_ref() == "name" && matches!(v.get_ref(), DeValue::String(s) if s == key)
+                        }),
+                        _ => false,
+                    };
+                    let found = items
+                        .iter()
+                        .find(|item| named(item.get_ref()))
+                        .or_else(|| key.parse::<usize>().ok().and_then(|i| items.get(i)));
+                    match found {
+                        Some(item) => step(item.get_ref(), rest, item.span()),
+                        None => here,
+                    }
+                }
+                _ => here,
+            }
+        }
+        let table = DeTable::parse(&self.text).ok()?;
+        let (key, rest) = path.split_first()?;
+        let (k, v) = table.get_ref().iter().find(|(k, _)| k.get_ref() == key)?;
+        Some(step(v.get_ref(), rest, k.span().start..v.span().end.max(k.span().end)))
+    }
+}
+
+/// Something wrong with a value, by its path in a TOML file (`["muscle", "triceps", "optimal_fibre_length"]`).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Issue {
+    pub path: Vec<String>,
+    pub message: String,
+    pub help: Option<String>,
+}
+
+impl Issue {
+    pub fn new(path: &[&str], message: impl Into<String>, help: impl Into<String>) -> Self {
+        Self {
+            path: path.iter().map(|s| (*s).to_owned()).collect(),
+            message: message.into(),
+            help: Some(help.into()),
+        }
+    }
+
+    pub fn in_file(&self, file: &SourceFile) -> Error {
+        let key = self.path.join(".");
+        file.error(file.toml_span(&self.path), format!("{key}: {}", self.message), "here", self.help.clone())
+    }
+}

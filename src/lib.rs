@@ -1,0 +1,6 @@
+pub mod error;
+pub mod model;
+pub mod motion;
+pub mod nlp;
+pub mod numerics;
+pub mod transcription;

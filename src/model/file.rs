@@ -1,0 +1,409 @@
+//! The model file: what a user writes (TOML), and its check into a [`Model`].
+//!
+//! SI units, angles in degrees where the key says `_deg`. `data/models/arm.toml` is a commented example.
+
+use serde::Deserialize;
+
+use super::body::{Body, ExternalForce, Place};
+use super::curves::ForceVelocity;
+use super::joint::{Joint, JointKind};
+use super::musculotendon::Musculotendon;
+use super::path::Path;
+use super::Model;
+use crate::error::{Issue, Result, SourceFile, nearest};
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    pub name: String,
+    /// Where the numbers come from and under which licence.
+    pub source: Option<String>,
+    /// m/s²
+    #[serde(default = "earth")]
+    pub gravity: [f64; 2],
+    #[serde(default)]
+    pub curves: CurvesEntry,
+    #[serde(default)]
+    pub body: Vec<BodyEntry>,
+    #[serde(default)]
+    pub joint: Vec<JointEntry>,
+    #[serde(default)]
+    pub muscle: Vec<MuscleEntry>,
+    #[serde(default)]
+    pub force: Vec<ForceEntry>,
+}
+
+fn earth() -> [f64; 2] {
+    [0.0, -9.81]
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CurvesEntry {
+    /// Force at infinite lengthening velocity, eq. (8).
+    pub eccentric_limit: f64,
+    /// b3 of eq. (9).
+    pub shortening_curvature: f64,
+}
+
+impl Default for CurvesEntry {
+    fn default() -> Self {
+        let curve = ForceVelocity::default();
+        Self { eccentric_limit: curve.eccentric_limit, shortening_curvature: curve.shortening }
+    }
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyEntry {
+    pub name: String,
+    /// kg
+    pub mass: f64,
+    /// In the body's frame, m.
+    pub centre_of_mass: [f64; 2],
+    /// About the centre of mass, kg m².
+    pub inertia: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum JointEntryKind {
+    Revolute,
+    Prismatic,
+    Weld,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointEntry {
+    pub name: String,
+    pub kind: JointEntryKind,
+    /// `ground` or a body.
+    pub parent: String,
+    /// In the parent's frame, m.
+    pub parent_point: [f64; 2],
+    pub child: String,
+    pub child_point: [f64; 2],
+    /// Name of the joint coordinate in motion files; leave it out on a joint that only closes a loop.
+    pub coordinate: Option<String>,
+    /// child angle − parent angle where the coordinate is zero (for welds and prismatic joints: always), degrees.
+    #[serde(default)]
+    pub angle_deg: f64,
+    /// Direction of a prismatic joint in the parent's frame.
+    pub axis: Option<[f64; 2]>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointEntry {
+    pub body: String,
+    pub point: [f64; 2],
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MuscleEntry {
+    pub name: String,
+    /// N
+    pub max_isometric_force: f64,
+    /// m
+    pub optimal_fibre_length: f64,
+    /// m
+    pub tendon_slack_length: f64,
+    #[serde(default)]
+    pub pennation_angle_deg: f64,
+    /// s
+    #[serde(default = "thesis_time")]
+    pub activation_time: f64,
+    /// s
+    #[serde(default = "thesis_time")]
+    pub deactivation_time: f64,
+    /// Optimal fibre lengths a second.
+    #[serde(default = "thesis_velocity")]
+    pub max_shortening_velocity: f64,
+    /// Origin, via points, insertion.
+    pub path: Vec<PointEntry>,
+}
+
+fn thesis_time() -> f64 {
+    0.12
+}
+
+fn thesis_velocity() -> f64 {
+    1.0
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ForceEntry {
+    pub name: String,
+    pub body: String,
+    /// In the body's frame, m.
+    #[serde(default)]
+    pub point: [f64; 2],
+    /// In the ground frame, N.
+    pub force: [f64; 2],
+    /// N m
+    #[serde(default)]
+    pub moment: f64,
+}
+
+impl ModelFile {
+    /// Reads and checks a model file; errors point into it.
+    pub fn load(file: &SourceFile) -> Result<(toml::Table, Model)> {
+        let entry: ModelFile = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
+        let model = entry.check().map_err(|issue| issue.in_file(file))?;
+        let table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
+        Ok((table, model))
+    }
+
+    /// Checks what types cannot say.
+    ///
+    /// # Errors
+    /// The first [`Issue`], with the path of the value at fault.
+    pub fn check(&self) -> std::result::Result<Model, Issue> {
+        if self.body.is_empty() {
+            return Err(Issue::new(&["body"], "the model has no body", "add at least one `[[body]]` table"));
+        }
+        finite(&["gravity"], &self.gravity)?;
+        let curve = ForceVelocity {
+            shortening: self.curves.shortening_curvature,
+            eccentric_limit: self.curves.eccentric_limit,
+        };
+        if !(curve.shortening > 0.0 && curve.shortening < 1.0) {
+            return Err(Issue::new(
+                &["curves", "shortening_curvature"],
+                format!("found {}", curve.shortening),
+                "it must lie between 0 and 1; the thesis uses 0.25",
+            ));
+        }
+        if !(curve.eccentric_limit > 1.0 && curve.eccentric_limit.is_finite()) {
+            return Err(Issue::new(
+                &["curves", "eccentric_limit"],
+                format!("found {}", curve.eccentric_limit),
+                "it must be above 1; the thesis uses 1.33",
+            ));
+        }
+        unique("body", self.body.iter().map(|b| b.name.as_str()))?;
+        unique("joint", self.joint.iter().map(|j| j.name.as_str()))?;
+        unique("muscle", self.muscle.iter().map(|m| m.name.as_str()))?;
+        unique("force", self.force.iter().map(|f| f.name.as_str()))?;
+        if self.body.iter().any(|b| b.name == "ground") {
+            return Err(Issue::new(&["body", "ground"], "`ground` is always there", "give this body another name"));
+        }
+        for body in &self.body {
+            positive(&["body", &body.name, "mass"], body.mass, "kg")?;
+            positive(&["body", &body.name, "inertia"], body.inertia, "kg m²")?;
+            finite(&["body", &body.name, "centre_of_mass"], &body.centre_of_mass)?;
+        }
+        let joints = self.joint.iter().map(|j| self.joint(j)).collect::<std::result::Result<Vec<_>, _>>()?;
+        for (i, joint) in joints.iter().enumerate() {
+            if let Some(name) = &joint.coordinate
+                && joints[..i].iter().any(|other| other.coordinate.as_ref() == Some(name))
+            {
+                return Err(Issue::new(
+                    &["joint", &joint.name, "coordinate"],
+                    format!("the joint coordinate `{name}` is named twice"),
+                    "each joint needs a name of its own for its coordinate",
+                ));
+            }
+        }
+        let muscles =
+            self.muscle.iter().map(|m| self.muscle(m, curve)).collect::<std::result::Result<Vec<_>, _>>()?;
+        let forces = self.force.iter().map(|f| self.force(f)).collect::<std::result::Result<Vec<_>, _>>()?;
+        let bodies = self
+            .body
+            .iter()
+            .map(|b| Body { name: b.name.clone(), mass: b.mass, inertia: b.inertia, centre_of_mass: b.centre_of_mass })
+            .collect();
+        Ok(Model { name: self.name.clone(), gravity: self.gravity, bodies, joints, muscles, forces })
+    }
+
+    /// A point of a body's frame, relative to its centre of mass.
+    fn place(&self, body: &str, point: [f64; 2], path: &[&str]) -> std::result::Result<Place, Issue> {
+        finite(path, &point)?;
+        if body == "ground" {
+            return Ok(Place::Ground(point));
+        }
+        match self.body.iter().position(|b| b.name == body) {
+            Some(index) => {
+                let centre = self.body[index].centre_of_mass;
+                Ok(Place::Body(index, [point[0] - centre[0], point[1] - centre[1]]))
+            }
+            None => {
+                let names = || self.body.iter().map(|b| b.name.as_str()).chain(["ground"]);
+                let allowed = names().collect::<Vec<_>>().join(", ");
+                let near = nearest(body, names()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
+                Err(Issue::new(path, format!("unknown body `{body}`"), format!("{near}the model has: {allowed}")))
+            }
+        }
+    }
+
+    fn joint(&self, j: &JointEntry) -> std::result::Result<Joint, Issue> {
+        let at = |key: &'static str| ["joint".to_owned(), j.name.clone(), key.to_owned()];
+        let parent = self.place(&j.parent, j.parent_point, &at("parent").each_ref().map(String::as_str))?;
+        let child = self.place(&j.child, j.child_point, &at("child").each_ref().map(String::as_str))?;
+        if j.parent == j.child {
+            return Err(Issue::new(
+                &["joint", &j.name, "child"],
+                format!("both sides of the joint are `{}`", j.parent),
+                "a joint connects two bodies, or a body and the ground",
+            ));
+        }
+        if j.child == "ground" {
+            return Err(Issue::new(
+                &["joint", &j.name, "child"],
+                "the ground cannot be the child",
+                "swap parent and child",
+            ));
+        }
+        finite(&["joint", &j.name, "angle_deg"], &[j.angle_deg])?;
+        let angle = j.angle_deg.to_radians();
+        let kind = match (j.kind, j.axis) {
+            (JointEntryKind::Revolute, None) => JointKind::Revolute { angle },
+            (JointEntryKind::Weld, None) => JointKind::Weld { angle },
+            (JointEntryKind::Prismatic, Some(axis)) => {
+                let length = axis[0].hypot(axis[1]);
+                if !(length > 0.0 && length.is_finite()) {
+                    return Err(Issue::new(
+                        &["joint", &j.name, "axis"],
+                        format!("found {axis:?}"),
+                        "give a direction, such as [1.0, 0.0]",
+                    ));
+                }
+                JointKind::Prismatic { axis: axis.map(|a| a / length), angle }
+            }
+            (JointEntryKind::Prismatic, None) => {
+                return Err(Issue::new(
+                    &["joint", &j.name],
+                    "a prismatic joint needs an axis",
+                    "add `axis = [x, y]` in the parent's frame",
+                ));
+            }
+            (_, Some(_)) => {
+                return Err(Issue::new(
+                    &["joint", &j.name, "axis"],
+                    "only a prismatic joint has an axis",
+                    "remove the key, or set kind = \"prismatic\"",
+                ));
+            }
+        };
+        if j.kind == JointEntryKind::Weld && j.coordinate.is_some() {
+            return Err(Issue::new(
+                &["joint", &j.name, "coordinate"],
+                "a weld has no coordinate",
+                "remove the key, or make the joint revolute",
+            ));
+        }
+        Ok(Joint { name: j.name.clone(), kind, parent, child, coordinate: j.coordinate.clone() })
+    }
+
+    fn muscle(&self, m: &MuscleEntry, force_velocity: ForceVelocity) -> std::result::Result<Musculotendon, Issue> {
+        let path = ["muscle", m.name.as_str()];
+        let key = |k: &'static str| [path[0], path[1], k];
+        positive(&key("max_isometric_force"), m.max_isometric_force, "N")?;
+        positive(&key("optimal_fibre_length"), m.optimal_fibre_length, "m")?;
+        positive(&key("tendon_slack_length"), m.tendon_slack_length, "m")?;
+        positive(&key("activation_time"), m.activation_time, "s")?;
+        positive(&key("deactivation_time"), m.deactivation_time, "s")?;
+        positive(&key("max_shortening_velocity"), m.max_shortening_velocity, "optimal fibre lengths a second")?;
+        if !(0.0..85.0).contains(&m.pennation_angle_deg) {
+            return Err(Issue::new(
+                &key("pennation_angle_deg"),
+                format!("found {}", m.pennation_angle_deg),
+                "it must lie from 0 to 85 degrees",
+            ));
+        }
+        if m.path.len() < 2 {
+            return Err(Issue::new(
+                &key("path"),
+                format!("found {} point(s)", m.path.len()),
+                "a muscle needs an origin and an insertion",
+            ));
+        }
+        let points = m
+            .path
+            .iter()
+            .enumerate()
+            .map(|(i, p)| self.place(&p.body, p.point, &["muscle", &m.name, "path", &i.to_string()]))
+            .collect::<std::result::Result<Vec<_>, _>>()?;
+        if points.windows(2).any(|w| w[0] == w[1]) {
+            return Err(Issue::new(
+                &key("path"),
+                "two neighbouring points are the same",
+                "remove one of them: a segment of no length has no direction",
+            ));
+        }
+        let path = Path::new(points);
+        if path.points.iter().all(|p| p.body() == path.points[0].body()) {
+            return Err(Issue::new(
+                &key("path"),
+                "all points are on one body",
+                "origin and insertion must be on different bodies for the muscle to act on a joint",
+            ));
+        }
+        Ok(Musculotendon {
+            name: m.name.clone(),
+            max_isometric_force: m.max_isometric_force,
+            optimal_fibre_length: m.optimal_fibre_length,
+            tendon_slack_length: m.tendon_slack_length,
+            pennation_angle: m.pennation_angle_deg.to_radians(),
+            activation_time: m.activation_time,
+            deactivation_time: m.deactivation_time,
+            max_shortening_velocity: m.max_shortening_velocity,
+            force_velocity,
+            path,
+        })
+    }
+
+    fn force(&self, f: &ForceEntry) -> std::result::Result<ExternalForce, Issue> {
+        finite(&["force", &f.name, "force"], &f.force)?;
+        finite(&["force", &f.name, "moment"], &[f.moment])?;
+        match self.place(&f.body, f.point, &["force", &f.name, "body"])? {
+            Place::Body(body, point) => {
+                Ok(ExternalForce { name: f.name.clone(), body, point, force: f.force, moment: f.moment })
+            }
+            Place::Ground(_) => Err(Issue::new(
+                &["force", &f.name, "body"],
+                "a force on the ground moves nothing",
+                "name the body that the force acts on",
+            )),
+        }
+    }
+}
+
+fn positive(path: &[&str], value: f64, unit: &str) -> std::result::Result<(), Issue> {
+    if value > 0.0 && value.is_finite() {
+        Ok(())
+    } else {
+        Err(Issue::new(path, format!("found {value}"), format!("it must be a positive number ({unit})")))
+    }
+}
+
+fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
+    match values.iter().find(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(value) => Err(Issue::new(path, format!("found {value}"), "it must be a finite number")),
+    }
+}
+
+fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::result::Result<(), Issue> {
+    let mut seen = std::collections::BTreeSet::new();
+    for name in names {
+        if name.is_empty() || name.contains(['.', '*']) {
+            return Err(Issue::new(
+                &[kind, name],
+                format!("found the name \"{name}\""),
+                "a name is not empty and has no `.` or `*`: studies address values as kind.name.key",
+            ));
+        }
+        if !seen.insert(name) {
+            return Err(Issue::new(
+                &[kind, name],
+                format!("there are two with the name `{name}`"),
+                "give each a name of its own",
+            ));
+        }
+    }
+    Ok(())
+}

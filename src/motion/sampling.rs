@@ -1,0 +1,148 @@
+//! From a motion table to measured body coordinates at the measured instants: smoothing, resampling,
+//! offsets, noise, assembly.
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+
+use super::MotionTable;
+use crate::model::{Model, assembly::CannotAssemble};
+use crate::numerics::cubic::{CubicSpline, Ends};
+
+/// What a study may do to a motion before it is tracked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionSettings {
+    /// Measured instants: `ratio · (p − 1) + 1`, equidistant.
+    pub measurement_ratio: usize,
+    /// Cut-off of a zero-lag second-order Butterworth low-pass, Hz; 0 for none.
+    pub smoothing_hz: f64,
+    /// Standard deviation of normal noise on every measured body coordinate, m and rad.
+    pub noise_sd: f64,
+    pub seed: u64,
+    /// Durations are multiplied by this.
+    pub time_scale: f64,
+    /// (joint coordinate, offset in SI units, factor on the excursion from its first value)
+    pub changes: Vec<(String, f64, f64)>,
+}
+
+/// The measured body coordinates.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    /// s, from the start of the motion, `p̂` instants
+    pub times: Vec<f64>,
+    /// `p̂ × nq`, noise included
+    pub coordinates: Vec<Vec<f64>>,
+}
+
+impl MotionSettings {
+    /// Samples the table at `points` collocation points' measured instants.
+    ///
+    /// # Errors
+    /// The time and the gap where the joints cannot be closed.
+    pub fn measure(
+        &self,
+        table: &MotionTable,
+        model: &Model,
+        points: usize,
+    ) -> Result<Measurement, (f64, CannotAssemble)> {
+        let columns: Vec<Option<CubicSpline>> = model
+            .joint_coordinates()
+            .map(|(_, name)| {
+                let (_, values) = table.columns.iter().find(|(column, _)| column == name)?;
+                let smooth = low_pass(&table.time, values, self.smoothing_hz);
+                let points: Vec<(f64, f64)> = table.time.iter().copied().zip(smooth).collect();
+                Some(CubicSpline::new(&points, Ends::Natural))
+            })
+            .collect();
+        let change = |name: &str| self.changes.iter().find(|(n, ..)| n == name).map_or((0.0, 1.0), |c| (c.1, c.2));
+        let count = self.measurement_ratio * (points - 1) + 1;
+        let step = table.duration() / (count - 1) as f64;
+        let mut times = Vec::with_capacity(count);
+        let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(count);
+        for i in 0..count {
+            let at = table.start() + i as f64 * step;
+            let given: Vec<Option<f64>> = model
+                .joint_coordinates()
+                .zip(&columns)
+                .map(|((_, name), spline)| {
+                    let (offset, scale) = change(name);
+                    let spline = spline.as_ref()?;
+                    let first = spline.at(table.start())[0];
+                    Some(first + offset + scale * (spline.at(at)[0] - first))
+                })
+                .collect();
+            let q = model
+                .assemble(&given, coordinates.last().map(Vec::as_slice))
+                .map_err(|failure| (i as f64 * step * self.time_scale, failure))?;
+            times.push(i as f64 * step * self.time_scale);
+            coordinates.push(q);
+        }
+        if self.noise_sd > 0.0 {
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(self.seed);
+            let normal = Normal::new(0.0, self.noise_sd).expect("a positive standard deviation");
+            coordinates.iter_mut().flatten().for_each(|x| *x += normal.sample(&mut rng));
+        }
+        Ok(Measurement { times, coordinates })
+    }
+}
+
+/// Second-order Butterworth low-pass, forwards and backwards (so of no lag), on a uniform resampling with the ends
+/// mirrored about their values. Returns the values at `time` unchanged if `cutoff_hz` is 0.
+///
+/// Source: D. A. Winter, *Biomechanics and Motor Control of Human Movement*, Wiley, ch. 3 (the usual filter for
+/// kinematic data).
+pub fn low_pass(time: &[f64], values: &[f64], cutoff_hz: f64) -> Vec<f64> {
+    let n = time.len();
+    if cutoff_hz <= 0.0 {
+        return values.to_vec();
+    }
+    let points: Vec<(f64, f64)> = time.iter().copied().zip(values.iter().copied()).collect();
+    let spline = CubicSpline::new(&points, Ends::Natural);
+    let step = (time[n - 1] - time[0]) / (n - 1) as f64;
+    let uniform: Vec<f64> = (0..n).map(|i| spline.at(time[0] + i as f64 * step)[0]).collect();
+    // Two passes of second order lower the −3 dB point by (√2 − 1)^¼.
+    let warped = (std::f64::consts::PI * cutoff_hz * step / (2f64.sqrt() - 1.0).powf(0.25)).min(1.5).tan();
+    let (k, k2) = (2f64.sqrt() * warped, warped * warped);
+    let b = k2 / (1.0 + k + k2);
+    let (a1, a2) = (2.0 * (k2 - 1.0) / (1.0 + k + k2), (1.0 - k + k2) / (1.0 + k + k2));
+    let pad = n - 1;
+    let mirrored: Vec<f64> = (0..n + 2 * pad)
+        .map(|i| match i {
+            _ if i < pad => 2.0 * uniform[0] - uniform[pad - i],
+            _ if i >= n + pad => 2.0 * uniform[n - 1] - uniform[2 * n + pad - 2 - i],
+            _ => uniform[i - pad],
+        })
+        .collect();
+    let pass = |x: &[f64]| -> Vec<f64> {
+        let mut y = vec![x[0]; x.len()];
+        for i in 2..x.len() {
+            y[i] = b * (x[i] + 2.0 * x[i - 1] + x[i - 2]) - a1 * y[i - 1] - a2 * y[i - 2];
+        }
+        y.reverse();
+        y
+    };
+    let filtered = pass(&pass(&mirrored));
+    let smooth: Vec<(f64, f64)> = (0..n).map(|i| (time[0] + i as f64 * step, filtered[pad + i])).collect();
+    let smooth = CubicSpline::new(&smooth, Ends::Natural);
+    time.iter().map(|&t| smooth.at(t)[0]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_filter_keeps_lines_passes_slow_waves_and_stops_fast_ones() {
+        let time: Vec<f64> = (0..=200).map(|i| i as f64 * 0.01).collect();
+        let line: Vec<f64> = time.iter().map(|t| 2.0 * t - 1.0).collect();
+        let smooth = low_pass(&time, &line, 6.0);
+        assert!(line.iter().zip(&smooth).all(|(a, b)| (a - b).abs() < 1e-3));
+        let gain = |hz: f64| {
+            let wave: Vec<f64> = time.iter().map(|t| (std::f64::consts::TAU * hz * t).sin()).collect();
+            let out = low_pass(&time, &wave, 6.0);
+            let energy = |x: &[f64]| x[40..160].iter().map(|v| v * v).sum::<f64>();
+            (energy(&out) / energy(&wave)).sqrt()
+        };
+        assert!(gain(1.0) > 0.98 && gain(20.0) < 0.02);
+        assert!((gain(6.0) - 0.5f64.sqrt()).abs() < 0.03, "{}", gain(6.0));
+    }
+}

@@ -1,0 +1,87 @@
+//! Interpolating cubic splines through given points.
+
+use super::banded::SymmetricBand;
+
+/// What the spline does at its two ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Ends {
+    /// Second derivative zero.
+    Natural,
+    /// First derivative zero.
+    Flat,
+}
+
+/// A twice continuously differentiable piecewise cubic through points with increasing abscissae.
+#[derive(Clone, Debug)]
+pub struct CubicSpline {
+    points: Vec<(f64, f64)>,
+    /// Second derivatives at the points.
+    moments: Vec<f64>,
+}
+
+impl CubicSpline {
+    /// # Panics
+    /// If there are fewer than two points or their abscissae do not increase.
+    pub fn new(points: &[(f64, f64)], ends: Ends) -> Self {
+        let n = points.len();
+        assert!(n >= 2 && points.windows(2).all(|w| w[0].0 < w[1].0), "abscissae must increase");
+        let mut matrix = SymmetricBand::new(n, 1);
+        let mut moments = vec![0.0; n];
+        for (i, pair) in points.windows(2).enumerate() {
+            // Each span adds (h/6) [2 1; 1 2] = (h/6) ((1, 1)ᵀ(1, 1) + I), and its slope on either side.
+            let h = pair[1].0 - pair[0].0;
+            let slope = (pair[1].1 - pair[0].1) / h;
+            matrix.add_outer(i, &[1.0, 1.0], h / 6.0);
+            matrix.add_outer(i, &[1.0], h / 6.0);
+            matrix.add_outer(i + 1, &[1.0], h / 6.0);
+            moments[i] += slope;
+            moments[i + 1] -= slope;
+        }
+        if ends == Ends::Natural {
+            // A stiff diagonal holds the end moments at zero.
+            let stiff = 1e12 * (points[n - 1].0 - points[0].0);
+            for end in [0, n - 1] {
+                matrix.add_outer(end, &[1.0], stiff);
+                moments[end] = 0.0;
+            }
+        }
+        matrix.solve(&mut moments).expect("spline matrices are positive definite");
+        Self { points: points.to_vec(), moments }
+    }
+
+    /// Value, first and second derivative at `x`; the end cubics go on outside.
+    pub fn at(&self, x: f64) -> [f64; 3] {
+        let i = self.points.partition_point(|p| p.0 <= x).clamp(1, self.points.len() - 1) - 1;
+        let ((x0, y0), (x1, y1)) = (self.points[i], self.points[i + 1]);
+        let (m0, m1) = (self.moments[i], self.moments[i + 1]);
+        let h = x1 - x0;
+        let (s, t) = ((x1 - x) / h, (x - x0) / h);
+        [
+            s * y0 + t * y1 + h * h / 6.0 * ((s.powi(3) - s) * m0 + (t.powi(3) - t) * m1),
+            (y1 - y0) / h + h / 6.0 * ((1.0 - 3.0 * s * s) * m0 + (3.0 * t * t - 1.0) * m1),
+            s * m0 + t * m1,
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cubics_with_the_right_ends_are_reproduced() {
+        let x = [0.0, 0.3, 0.5, 0.8, 1.0];
+        // 3x² − 2x³ is flat at 0 and 1.
+        let points = x.map(|x| (x, 3.0 * x * x - 2.0 * x * x * x));
+        let spline = CubicSpline::new(&points, Ends::Flat);
+        for i in 0..=10 {
+            let x = i as f64 / 10.0;
+            let [value, first, second] = spline.at(x);
+            assert!((value - (3.0 * x * x - 2.0 * x * x * x)).abs() < 1e-13);
+            assert!((first - 6.0 * x * (1.0 - x)).abs() < 1e-12);
+            assert!((second - (6.0 - 12.0 * x)).abs() < 1e-11);
+        }
+        let line = CubicSpline::new(&x.map(|x| (x, 2.0 * x - 1.0)), Ends::Natural);
+        assert!((line.at(0.65)[0] - 0.3).abs() < 1e-14 && line.at(0.1)[2].abs() < 1e-10);
+    }
+}

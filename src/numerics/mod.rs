@@ -1,0 +1,13 @@
+//! Numerical building blocks that know no biomechanics: spline spaces, sparse matrices with a fixed
+//! pattern, ranks.
+
+pub mod banded;
+pub mod bspline;
+pub mod cubic;
+pub mod rank;
+pub mod sparse;
+
+/// A real number or a dual number over it: functions generic in this give exact directional derivatives.
+pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}
+
+impl<T: num_dual::DualNum<Primitive = f64> + Copy> Scalar for T {}

@@ -1,0 +1,77 @@
+//! Numerical rank of a dense matrix, two ways: by its singular values, and by QR with column pivoting.
+
+use faer::{Mat, linalg::solvers::ColPivQr};
+
+/// What the singular values say of a matrix.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rank {
+    pub rows: usize,
+    pub columns: usize,
+    pub rank: usize,
+    /// Singular values at or below this are zero: `max(rows, columns) · ε · σ_max`, MATLAB's `rank`.
+    pub tolerance: f64,
+    /// All `min(rows, columns)` singular values, not increasing.
+    pub singular_values: Vec<f64>,
+}
+
+/// The default tolerance of MATLAB's `rank`, which the thesis used.
+pub fn tolerance(rows: usize, columns: usize, sigma_max: f64) -> f64 {
+    rows.max(columns) as f64 * f64::EPSILON * sigma_max
+}
+
+/// Rank by singular value decomposition.
+///
+/// # Errors
+/// `None` if the matrix holds a non-finite number or the decomposition does not converge.
+pub fn by_svd(matrix: &Mat<f64>) -> Option<Rank> {
+    let (rows, columns) = (matrix.nrows(), matrix.ncols());
+    if rows == 0 || columns == 0 {
+        return Some(Rank { rows, columns, rank: 0, tolerance: 0.0, singular_values: Vec::new() });
+    }
+    if !matrix.is_all_finite() {
+        return None;
+    }
+    let singular_values: Vec<f64> = matrix.singular_values().ok()?;
+    let tolerance = tolerance(rows, columns, singular_values[0]);
+    let rank = singular_values.iter().filter(|&&s| s > tolerance).count();
+    Some(Rank { rows, columns, rank, tolerance, singular_values })
+}
+
+/// Rank by QR with column pivoting: several times cheaper than [`by_svd`], and another factorisation.
+/// Counts the diagonal of R above `max(rows, columns) · ε · |R₁₁|`.
+pub fn by_pivoted_qr(matrix: &Mat<f64>) -> Option<usize> {
+    let (rows, columns) = (matrix.nrows(), matrix.ncols());
+    if rows == 0 || columns == 0 {
+        return Some(0);
+    }
+    if !matrix.is_all_finite() {
+        return None;
+    }
+    let r = ColPivQr::new(matrix.as_ref()).R().to_owned();
+    let diagonal: Vec<f64> = (0..rows.min(columns)).map(|i| r[(i, i)].abs()).collect();
+    let cut = tolerance(rows, columns, diagonal[0]);
+    Some(diagonal.iter().filter(|&&d| d > cut).count())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_ways_find_the_rank_of_a_product() {
+        for (rows, columns, rank) in [(9, 7, 4), (5, 12, 5), (12, 12, 1)] {
+            let left = Mat::from_fn(rows, rank, |i, j| ((3 * i + 5 * j + i * j) as f64).sin());
+            let right = Mat::from_fn(rank, columns, |i, j| ((7 * i + 2 * j + i * j) as f64).cos());
+            let product = &left * &right;
+            assert_eq!(by_svd(&product).unwrap().rank, rank);
+            assert_eq!(by_pivoted_qr(&product), Some(rank));
+        }
+    }
+
+    #[test]
+    fn a_matrix_that_is_not_finite_has_no_rank() {
+        let matrix = Mat::from_fn(2, 2, |_, _| f64::NAN);
+        assert!(by_svd(&matrix).is_none());
+        assert!(by_pivoted_qr(&matrix).is_none());
+    }
+}

@@ -1,0 +1,145 @@
+//! Compressed sparse columns with a pattern that is built once and values that are written many times.
+
+use std::collections::BTreeMap;
+
+/// A sparse matrix, columns compressed, row indices increasing within a column. Explicit zeros stay.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sparse {
+    pub rows: usize,
+    pub columns: usize,
+    /// Start of each column in `row_index` and `values`; length `columns + 1`.
+    pub column_start: Vec<usize>,
+    pub row_index: Vec<usize>,
+    pub values: Vec<f64>,
+}
+
+/// Collects the positions of a pattern; each can be asked for its slot in `values` afterwards.
+#[derive(Clone, Debug)]
+pub struct Pattern {
+    rows: usize,
+    columns: usize,
+    entries: BTreeMap<(usize, usize), usize>,
+}
+
+impl Pattern {
+    pub fn new(rows: usize, columns: usize) -> Self {
+        Self { rows, columns, entries: BTreeMap::new() }
+    }
+
+    /// Adds a position; adding it again changes nothing.
+    pub fn add(&mut self, row: usize, column: usize) {
+        debug_assert!(row < self.rows && column < self.columns);
+        self.entries.insert((column, row), 0);
+    }
+
+    /// The matrix of zeros with this pattern. After this, [`Pattern::slot`] is valid.
+    pub fn build(&mut self) -> Sparse {
+        let mut column_start = vec![0; self.columns + 1];
+        let mut row_index = Vec::with_capacity(self.entries.len());
+        for (slot, (&(column, row), place)) in self.entries.iter_mut().enumerate() {
+            *place = slot;
+            row_index.push(row);
+            column_start[column + 1] += 1;
+        }
+        for column in 0..self.columns {
+            column_start[column + 1] += column_start[column];
+        }
+        let values = vec![0.0; row_index.len()];
+        Sparse { rows: self.rows, columns: self.columns, column_start, row_index, values }
+    }
+
+    /// The index in `values` of an added position.
+    pub fn slot(&self, row: usize, column: usize) -> usize {
+        self.entries[&(column, row)]
+    }
+}
+
+impl Sparse {
+    /// The matrix with these (row, column, value) entries; repeated positions add up.
+    pub fn from_triplets(rows: usize, columns: usize, triplets: &[(usize, usize, f64)]) -> Self {
+        let mut pattern = Pattern::new(rows, columns);
+        triplets.iter().for_each(|&(row, column, _)| pattern.add(row, column));
+        let mut matrix = pattern.build();
+        for &(row, column, value) in triplets {
+            matrix.values[pattern.slot(row, column)] += value;
+        }
+        matrix
+    }
+
+    /// All (row, column, slot) in storage order.
+    pub fn entries(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+        (0..self.columns).flat_map(move |column| {
+            (self.column_start[column]..self.column_start[column + 1])
+                .map(move |slot| (self.row_index[slot], column, slot))
+        })
+    }
+
+    /// `out += scale · self · x`
+    pub fn add_product(&self, scale: f64, x: &[f64], out: &mut [f64]) {
+        for column in 0..self.columns {
+            let factor = scale * x[column];
+            if factor != 0.0 {
+                for slot in self.column_start[column]..self.column_start[column + 1] {
+                    out[self.row_index[slot]] += self.values[slot] * factor;
+                }
+            }
+        }
+    }
+
+    /// `out += scale · selfᵀ · y`
+    pub fn add_transpose_product(&self, scale: f64, y: &[f64], out: &mut [f64]) {
+        for column in 0..self.columns {
+            let mut sum = 0.0;
+            for slot in self.column_start[column]..self.column_start[column + 1] {
+                sum += self.values[slot] * y[self.row_index[slot]];
+            }
+            out[column] += scale * sum;
+        }
+    }
+
+    /// `out += scale · S · x` for the symmetric S of which `self` holds the upper triangle.
+    pub fn add_symmetric_product(&self, scale: f64, x: &[f64], out: &mut [f64]) {
+        for (row, column, slot) in self.entries() {
+            let value = scale * self.values[slot];
+            out[row] += value * x[column];
+            if row != column {
+                out[column] += value * x[row];
+            }
+        }
+    }
+
+    /// `selfᵀ · self`, upper triangle.
+    pub fn gram(&self) -> Sparse {
+        let mut by_row = vec![Vec::new(); self.rows];
+        for (row, column, slot) in self.entries() {
+            by_row[row].push((column, self.values[slot]));
+        }
+        let mut triplets = Vec::new();
+        for row in &by_row {
+            for (i, &(column_i, value_i)) in row.iter().enumerate() {
+                triplets.extend(row[i..].iter().map(|&(column_j, value_j)| (column_i, column_j, value_i * value_j)));
+            }
+        }
+        Sparse::from_triplets(self.columns, self.columns, &triplets)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_agree_with_the_dense_ones() {
+        let a = Sparse::from_triplets(2, 3, &[(0, 0, 1.0), (1, 2, 2.0), (0, 2, 3.0), (0, 0, 0.5)]);
+        let mut y = vec![0.0; 2];
+        a.add_product(2.0, &[1.0, 5.0, 1.0], &mut y);
+        assert_eq!(y, [9.0, 4.0]);
+        let mut x = vec![0.0; 3];
+        a.add_transpose_product(1.0, &[1.0, 10.0], &mut x);
+        assert_eq!(x, [1.5, 0.0, 23.0]);
+        let gram = a.gram();
+        let mut z = vec![0.0; 3];
+        gram.add_symmetric_product(1.0, &[1.0, 5.0, 1.0], &mut z);
+        assert_eq!(z, [6.75, 0.0, 17.5]);
+    }
+}

@@ -1,0 +1,472 @@
+//! The equations at one instant: equation of motion, joints, contraction, activation.
+//!
+//! Local variables, in this order (`nz = 2 nq + 5 nm + nc`):
+//!
+//! | symbol | what | count | unit |
+//! |---|---|---|---|
+//! | q | body coordinates | nq | m, rad |
+//! | q̈ | their accelerations | nq | m/s², rad/s² |
+//! | a, l, v, ȧ, u | activation, fibre length, its velocity, activation's rate, excitation; muscle by muscle | 5 nm | –, L_o, L_o/s, 1/s, – |
+//! | f_r | joint reactions | nc | total weight W |
+//!
+//! Equations, in this order (`nq + nc + 2 nm`), thesis Paper B:
+//!
+//! | eq. | residual | unit |
+//! |---|---|---|
+//! | (1) | `(M q̈ − g_ext + Σ F_o f_m ∂L_mt/∂q)/W + Φ_qᵀ f_r` | W |
+//! | (2) | `Φ(q)` | m, rad |
+//! | (3) | `l_t(q, l) − f_t⁻¹(f_m)`, `f_m = (f_pe(l) + a f_l(l) f_v(v)) cos θ` | strain |
+//! | (4) | `τ (ȧ − (u − a)(u/τ_act + (1 − u)/τ_deact))`, τ the larger time | – |
+//!
+//! DEPARTURE [thesis, Paper B, eq. 3]: the tendon curve is inverted and the fibre's force goes into eq. (1). Where
+//! the force is positive that is an invertible row operation, so ranks are the same, and the stiff tendon no longer
+//! spoils the conditioning.
+
+use num_dual::Dual64;
+
+use crate::model::Model;
+use crate::model::curves::{tendon_force, tendon_strain};
+use crate::model::path::PathLength;
+
+/// Places of one muscle's local variables, from [`Instant::muscle`] on.
+pub const ACTIVATION: usize = 0;
+pub const LENGTH: usize = 1;
+pub const VELOCITY: usize = 2;
+pub const ACTIVATION_RATE: usize = 3;
+pub const EXCITATION: usize = 4;
+const PER_MUSCLE: usize = 5;
+
+/// The equations of a model at an instant, with exact first and second derivatives.
+#[derive(Clone, Debug)]
+pub struct Instant<'m> {
+    pub model: &'m Model,
+    nq: usize,
+    nc: usize,
+    nm: usize,
+    /// W, N
+    weight: f64,
+    /// Diagonal of M/W.
+    mass: Vec<f64>,
+    /// F_o/W
+    strength: Vec<f64>,
+}
+
+/// Multipliers of the equations at one instant, and of the conditions `f_m ≥ 0` (empty where not imposed).
+#[derive(Clone, Copy, Debug)]
+pub struct InstantMultipliers<'a> {
+    pub equations: &'a [f64],
+    pub force: &'a [f64],
+}
+
+impl<'m> Instant<'m> {
+    pub fn new(model: &'m Model) -> Self {
+        let weight = model.weight();
+        Self {
+            model,
+            nq: model.coordinates(),
+            nc: model.constraints(),
+            nm: model.muscles.len(),
+            weight,
+            mass: model.mass_diagonal().into_iter().map(|m| m / weight).collect(),
+            strength: model.muscles.iter().map(|m| m.max_isometric_force / weight).collect(),
+        }
+    }
+
+    /// Number of local variables `nz`.
+    pub fn variables(&self) -> usize {
+        2 * self.nq + PER_MUSCLE * self.nm + self.nc
+    }
+
+    /// Number of equations.
+    pub fn equations(&self) -> usize {
+        self.nq + self.nc + 2 * self.nm
+    }
+
+    pub fn acceleration(&self, coordinate: usize) -> usize {
+        self.nq + coordinate
+    }
+
+    /// First of the five local variables of a muscle.
+    pub fn muscle(&self, muscle: usize) -> usize {
+        2 * self.nq + PER_MUSCLE * muscle
+    }
+
+    pub fn reaction(&self, constraint: usize) -> usize {
+        2 * self.nq + PER_MUSCLE * self.nm + constraint
+    }
+
+    /// First row of Φ, of eq. (3) and of eq. (4); eq. (1) begins at 0.
+    pub fn row_starts(&self) -> [usize; 3] {
+        [self.nq, self.nq + self.nc, self.nq + self.nc + self.nm]
+    }
+
+    /// f_m of every muscle.
+    pub fn fibre_force(&self, z: &[f64], muscle: usize) -> f64 {
+        let at = self.muscle(muscle);
+        self.model.muscles[muscle].fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]).value
+    }
+
+    /// The residuals of all equations; see the module's table.
+    pub fn residual(&self, z: &[f64], out: &mut [f64]) {
+        let q = &z[..self.nq];
+        let [constraint_row, contraction_row, activation_row] = self.row_starts();
+        for i in 0..self.nq {
+            out[i] = self.mass[i] * z[self.acceleration(i)];
+        }
+        self.subtract_loads(q, out);
+        let mut row = 0;
+        for joint in &self.model.joints {
+            let slots = joint.slots();
+            for function in joint.constraints(q) {
+                out[constraint_row + row] = function.value;
+                let reaction = z[self.reaction(row)];
+                for (slot, gradient) in slots.iter().zip(function.gradient) {
+                    if let Some(coordinate) = slot {
+                        out[*coordinate] += reaction * gradient;
+                    }
+                }
+                row += 1;
+            }
+        }
+        for (m, muscle) in self.model.muscles.iter().enumerate() {
+            let at = self.muscle(m);
+            let (a, l, v, rate, u) = (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
+            let mut path = muscle.path.buffer();
+            muscle.path.length(q, false, &mut path);
+            let force = muscle.fibre_force(a, l, v).value;
+            for (slot, gradient) in muscle.path.slots.iter().zip(&path.gradient) {
+                out[*slot] += self.strength[m] * force * gradient;
+            }
+            out[contraction_row + m] = muscle.tendon_strain(path.value, l) - tendon_strain(force).value;
+            let time = muscle.activation_time.max(muscle.deactivation_time);
+            out[activation_row + m] = time * muscle.activation_residual(a, rate, u).value;
+        }
+    }
+
+    /// Subtracts g_ext/W: gravity and the constant external forces.
+    fn subtract_loads(&self, q: &[f64], out: &mut [f64]) {
+        for (b, body) in self.model.bodies.iter().enumerate() {
+            for axis in 0..2 {
+                out[3 * b + axis] -= body.mass * self.model.gravity[axis] / self.weight;
+            }
+        }
+        for force in &self.model.forces {
+            let place = crate::model::Place::Body(force.body, force.point).at(q);
+            for axis in 0..2 {
+                out[3 * force.body + axis] -= force.force[axis] / self.weight;
+            }
+            let moment = place.first[0] * force.force[0] + place.first[1] * force.force[1] + force.moment;
+            out[3 * force.body + 2] -= moment / self.weight;
+        }
+    }
+
+    /// The local Jacobian, row by row (equations × nz), and that of f_m over (a, l, v), muscle by muscle.
+    pub fn jacobian(&self, z: &[f64], out: &mut [f64], force_gradient: &mut [[f64; 3]]) {
+        let nz = self.variables();
+        let q = &z[..self.nq];
+        let [constraint_row, contraction_row, activation_row] = self.row_starts();
+        out.fill(0.0);
+        for i in 0..self.nq {
+            out[i * nz + self.acceleration(i)] = self.mass[i];
+        }
+        for force in &self.model.forces {
+            let bend = crate::model::Place::Body(force.body, force.point).at(q).second;
+            let angle = 3 * force.body + 2;
+            out[angle * nz + angle] -= (bend[0] * force.force[0] + bend[1] * force.force[1]) / self.weight;
+        }
+        let mut row = 0;
+        for joint in &self.model.joints {
+            let slots = joint.slots();
+            for function in joint.constraints(q) {
+                let reaction = z[self.reaction(row)];
+                for (i, slot) in slots.iter().enumerate() {
+                    let Some(coordinate) = *slot else { continue };
+                    out[(constraint_row + row) * nz + coordinate] = function.gradient[i];
+                    out[coordinate * nz + self.reaction(row)] = function.gradient[i];
+                    for (j, other) in slots.iter().enumerate() {
+                        if let Some(other) = *other {
+                            out[coordinate * nz + other] += reaction * function.hessian[i][j];
+                        }
+                    }
+                }
+                row += 1;
+            }
+        }
+        for (m, muscle) in self.model.muscles.iter().enumerate() {
+            let at = self.muscle(m);
+            let (a, l, v, rate, u) = (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
+            let slots = &muscle.path.slots;
+            let mut path = muscle.path.buffer();
+            muscle.path.length(q, true, &mut path);
+            let force = muscle.fibre_force(a, l, v);
+            let strain = tendon_strain(force.value);
+            force_gradient[m] = force.gradient;
+            for (i, &coordinate) in slots.iter().enumerate() {
+                for (j, &other) in slots.iter().enumerate() {
+                    out[coordinate * nz + other] += self.strength[m] * force.value * path.hessian[i * slots.len() + j];
+                }
+                for (k, by) in force.gradient.iter().enumerate() {
+                    out[coordinate * nz + at + k] += self.strength[m] * path.gradient[i] * by;
+                }
+                out[(contraction_row + m) * nz + coordinate] = path.gradient[i] / muscle.tendon_slack_length;
+            }
+            let contraction = &mut out[(contraction_row + m) * nz..(contraction_row + m + 1) * nz];
+            for (k, by) in force.gradient.iter().enumerate() {
+                contraction[at + k] = -strain.first * by;
+            }
+            contraction[at + LENGTH] -= muscle.fibre_along_tendon() / muscle.tendon_slack_length;
+            let time = muscle.activation_time.max(muscle.deactivation_time);
+            let activation = muscle.activation_residual(a, rate, u);
+            let row = &mut out[(activation_row + m) * nz..(activation_row + m + 1) * nz];
+            row[at + ACTIVATION] = time * activation.gradient[0];
+            row[at + ACTIVATION_RATE] = time * activation.gradient[1];
+            row[at + EXCITATION] = time * activation.gradient[2];
+        }
+    }
+
+    /// The Hessian over z of `λᵀ (equations) − νᵀ f_m`, dense and symmetric (nz × nz).
+    ///
+    /// With `V(q) = f_rᵀ Φ + Σ (F_o/W) f_m L_mt − loads`, eq. (1) is `M q̈/W + ∇V`, so its part is `∇²(λ·∇V)`: the directional
+    /// derivative of ∇²V along λ, exact by dual numbers `q + ε λ`.
+    pub fn hessian(&self, z: &[f64], multipliers: InstantMultipliers<'_>, out: &mut [f64]) {
+        let nz = self.variables();
+        let [constraint_row, contraction_row, activation_row] = self.row_starts();
+        let lambda = multipliers.equations;
+        out.fill(0.0);
+        let q: Vec<Dual64> = (0..self.nq).map(|i| Dual64::new(z[i], lambda[i])).collect();
+        for force in &self.model.forces {
+            let place = crate::model::Place::Body(force.body, force.point).at(&q);
+            let angle = 3 * force.body + 2;
+            let bend = place.second[0] * force.force[0] + place.second[1] * force.force[1];
+            out[angle * nz + angle] -= bend.eps / self.weight;
+        }
+        let mut row = 0;
+        for joint in &self.model.joints {
+            let slots = joint.slots();
+            for function in joint.constraints(&q) {
+                let (reaction, weight) = (z[self.reaction(row)], lambda[constraint_row + row]);
+                for (i, slot) in slots.iter().enumerate() {
+                    let Some(coordinate) = *slot else { continue };
+                    let mixed = function.gradient[i].eps;
+                    out[coordinate * nz + self.reaction(row)] += mixed;
+                    out[self.reaction(row) * nz + coordinate] += mixed;
+                    for (j, other) in slots.iter().enumerate() {
+                        if let Some(other) = *other {
+                            let second = function.hessian[i][j];
+                            out[coordinate * nz + other] += reaction * second.eps + weight * second.re;
+                        }
+                    }
+                }
+                row += 1;
+            }
+        }
+        for (m, muscle) in self.model.muscles.iter().enumerate() {
+            let at = self.muscle(m);
+            let (a, l, v) = (z[at], z[at + LENGTH], z[at + VELOCITY]);
+            let slots = &muscle.path.slots;
+            let mut path: PathLength<Dual64> = muscle.path.buffer();
+            muscle.path.length(&q, true, &mut path);
+            let force = muscle.fibre_force(a, l, v);
+            let strain = tendon_strain(force.value);
+            let contraction = lambda[contraction_row + m];
+            let pull = self.strength[m] * force.value;
+            for (i, &coordinate) in slots.iter().enumerate() {
+                for (j, &other) in slots.iter().enumerate() {
+                    let second = path.hessian[i * slots.len() + j];
+                    out[coordinate * nz + other] +=
+                        pull * second.eps + contraction / muscle.tendon_slack_length * second.re;
+                }
+                for (k, by) in force.gradient.iter().enumerate() {
+                    let mixed = self.strength[m] * path.gradient[i].eps * by;
+                    out[coordinate * nz + at + k] += mixed;
+                    out[(at + k) * nz + coordinate] += mixed;
+                }
+            }
+            // ω ∇²f_m − λ (f_t⁻¹)'' ∇f_m ∇f_mᵀ, with ω the sum of all factors of f_m.
+            let omega = self.strength[m] * path.value.eps
+                - contraction * strain.first
+                - multipliers.force.get(m).copied().unwrap_or(0.0);
+            for i in 0..3 {
+                for j in 0..3 {
+                    out[(at + i) * nz + at + j] += omega * force.hessian[i][j]
+                        - contraction * strain.second * force.gradient[i] * force.gradient[j];
+                }
+            }
+            let time = muscle.activation_time.max(muscle.deactivation_time);
+            let activation = muscle.activation_residual(a, z[at + ACTIVATION_RATE], z[at + EXCITATION]);
+            let weight = time * lambda[activation_row + m];
+            out[(at + ACTIVATION) * nz + at + EXCITATION] += weight * activation.mixed;
+            out[(at + EXCITATION) * nz + at + ACTIVATION] += weight * activation.mixed;
+            out[(at + EXCITATION) * nz + at + EXCITATION] += weight * activation.excitation;
+        }
+    }
+
+    /// Every (row, local variable) where the Jacobian can be non-zero.
+    pub fn jacobian_pattern(&self) -> Vec<(usize, usize)> {
+        let [constraint_row, contraction_row, activation_row] = self.row_starts();
+        let mut pattern = Vec::new();
+        for i in 0..self.nq {
+            pattern.push((i, self.acceleration(i)));
+        }
+        pattern.extend(self.coordinate_pairs());
+        let mut row = 0;
+        for joint in &self.model.joints {
+            for _ in 0..joint.kind.constraints() {
+                for coordinate in joint.slots().into_iter().flatten() {
+                    pattern.push((constraint_row + row, coordinate));
+                    pattern.push((coordinate, self.reaction(row)));
+                }
+                row += 1;
+            }
+        }
+        for (m, muscle) in self.model.muscles.iter().enumerate() {
+            let at = self.muscle(m);
+            for &coordinate in &muscle.path.slots {
+                pattern.extend((0..3).map(|k| (coordinate, at + k)));
+                pattern.push((contraction_row + m, coordinate));
+            }
+            pattern.extend((0..3).map(|k| (contraction_row + m, at + k)));
+            pattern.extend([ACTIVATION, ACTIVATION_RATE, EXCITATION].map(|k| (activation_row + m, at + k)));
+        }
+        pattern.sort_unstable();
+        pattern.dedup();
+        pattern
+    }
+
+    /// Every ordered pair of local variables where the Hessian can be non-zero, and the diagonal.
+    pub fn hessian_pattern(&self) -> Vec<(usize, usize)> {
+        let mut pattern = self.coordinate_pairs();
+        pattern.extend((0..self.variables()).map(|i| (i, i)));
+        let both = |pattern: &mut Vec<(usize, usize)>, i: usize, j: usize| pattern.extend([(i, j), (j, i)]);
+        let mut row = 0;
+        for joint in &self.model.joints {
+            for _ in 0..joint.kind.constraints() {
+                for coordinate in joint.slots().into_iter().flatten() {
+                    both(&mut pattern, coordinate, self.reaction(row));
+                }
+                row += 1;
+            }
+        }
+        for (m, muscle) in self.model.muscles.iter().enumerate() {
+            let at = self.muscle(m);
+            for k in 0..3 {
+                muscle.path.slots.iter().for_each(|&coordinate| both(&mut pattern, coordinate, at + k));
+                (0..k).for_each(|other| both(&mut pattern, at + k, at + other));
+            }
+            both(&mut pattern, at + ACTIVATION, at + EXCITATION);
+        }
+        pattern.sort_unstable();
+        pattern.dedup();
+        pattern
+    }
+
+    /// Pairs of body coordinates that a joint, a muscle or a load couples in ∇²V.
+    fn coordinate_pairs(&self) -> Vec<(usize, usize)> {
+        let mut pairs: Vec<(usize, usize)> = (0..self.nq).map(|i| (i, i)).collect();
+        let mut couple = |slots: &[usize]| {
+            for &i in slots {
+                pairs.extend(slots.iter().map(|&j| (i, j)));
+            }
+        };
+        for joint in &self.model.joints {
+            couple(&joint.slots().into_iter().flatten().collect::<Vec<_>>());
+        }
+        for muscle in &self.model.muscles {
+            couple(&muscle.path.slots);
+        }
+        pairs.sort_unstable();
+        pairs.dedup();
+        pairs
+    }
+
+    /// How far eq. (3) is from holding as printed: |f_t(l_t) − f_m|, normalised force.
+    pub fn printed_contraction_residual(&self, z: &[f64], muscle: usize) -> f64 {
+        let m = &self.model.muscles[muscle];
+        let mut path = m.path.buffer();
+        m.path.length(&z[..self.nq], false, &mut path);
+        let strain = m.tendon_strain(path.value, z[self.muscle(muscle) + LENGTH]);
+        (tendon_force(strain) - self.fibre_force(z, muscle)).abs()
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// A model with every kind of joint, a loop, via points, loads, unequal times.
+    pub(crate) fn model() -> Model {
+        let text = include_str!("../../tests/fixtures/everything.toml");
+        let file: crate::model::file::ModelFile = toml::from_str(text).unwrap();
+        file.check().unwrap()
+    }
+
+    pub(crate) fn random_instant(instant: &Instant<'_>, rng: &mut impl rand::Rng) -> Vec<f64> {
+        let mut z: Vec<f64> = (0..instant.variables()).map(|_| rng.random_range(-0.5..0.5)).collect();
+        for m in 0..instant.model.muscles.len() {
+            let at = instant.muscle(m);
+            z[at + ACTIVATION] = rng.random_range(0.02..1.0);
+            z[at + LENGTH] = rng.random_range(0.6..1.3);
+            z[at + EXCITATION] = rng.random_range(0.0..1.0);
+        }
+        z
+    }
+
+    #[test]
+    fn jacobian_and_hessian_agree_with_differences_and_their_patterns() {
+        let model = model();
+        let instant = Instant::new(&model);
+        let (nz, rows, nm) = (instant.variables(), instant.equations(), model.muscles.len());
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let jacobian = |z: &[f64]| {
+            let mut out = vec![0.0; rows * nz];
+            let mut force = vec![[0.0; 3]; nm];
+            instant.jacobian(z, &mut out, &mut force);
+            (out, force)
+        };
+        for _ in 0..5 {
+            let z = random_instant(&instant, &mut rng);
+            let lambda: Vec<f64> = (0..rows).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let nu: Vec<f64> = (0..nm).map(|_| rng.random_range(0.0..1.0)).collect();
+            let (exact, _) = jacobian(&z);
+            let mut hessian = vec![0.0; nz * nz];
+            instant.hessian(&z, InstantMultipliers { equations: &lambda, force: &nu }, &mut hessian);
+            let (first, second) = (instant.jacobian_pattern(), instant.hessian_pattern());
+            for j in 0..nz {
+                let e = 1e-6;
+                let shifted = |s: f64| {
+                    let mut y = z.clone();
+                    y[j] += s;
+                    y
+                };
+                let (low, high) = (shifted(-e), shifted(e));
+                let (mut c_low, mut c_high) = (vec![0.0; rows], vec![0.0; rows]);
+                instant.residual(&low, &mut c_low);
+                instant.residual(&high, &mut c_high);
+                for i in 0..rows {
+                    let difference = (c_high[i] - c_low[i]) / (2.0 * e);
+                    let value = exact[i * nz + j];
+                    assert!((difference - value).abs() < 1e-6 * (1.0 + value.abs()), "{i} {j} {difference} {value}");
+                    assert!(value == 0.0 || first.contains(&(i, j)), "pattern misses {i} {j}");
+                }
+                let gradient = |(jacobian, force): (Vec<f64>, Vec<[f64; 3]>)| {
+                    let mut g: Vec<f64> =
+                        (0..nz).map(|k| (0..rows).map(|i| lambda[i] * jacobian[i * nz + k]).sum()).collect();
+                    for m in 0..nm {
+                        for k in 0..3 {
+                            g[instant.muscle(m) + k] -= nu[m] * force[m][k];
+                        }
+                    }
+                    g
+                };
+                let (g_low, g_high) = (gradient(jacobian(&low)), gradient(jacobian(&high)));
+                for i in 0..nz {
+                    let difference = (g_high[i] - g_low[i]) / (2.0 * e);
+                    let value = hessian[i * nz + j];
+                    assert!((difference - value).abs() < 2e-5 * (1.0 + value.abs()), "{i} {j} {difference} {value}");
+                    assert!(value == 0.0 || second.contains(&(i, j)), "pattern misses {i} {j}");
+                }
+            }
+        }
+    }
+}
