@@ -1,4 +1,5 @@
 pub mod error;
+pub mod guess;
 pub mod model;
 pub mod motion;
 pub mod nlp;

@@ -22,6 +22,9 @@ pub trait Problem: Sync {
     /// b
     fn residual_data(&self) -> &[f64];
 
+    /// The stage in time of each variable; constraints tie only near stages, which makes the linear algebra linear in time.
+    fn stages(&self) -> &[usize];
+
     /// c(x) and d(x).
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]);
 

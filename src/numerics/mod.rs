@@ -6,6 +6,7 @@ pub mod bspline;
 pub mod cubic;
 pub mod rank;
 pub mod sparse;
+pub mod staged;
 
 /// A real number or a dual number over it: functions generic in this give exact directional derivatives.
 pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}

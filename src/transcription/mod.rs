@@ -1,1 +1,3 @@
+pub mod collocation;
 pub mod instant;
+pub mod midpoint;

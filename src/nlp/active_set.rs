@@ -1,0 +1,110 @@
+//! The quadratic sub-problem by guessing its active set: solve the equality-constrained problem, put in what is
+//! violated, take out what has a negative multiplier, until nothing changes (the primal–dual active set method,
+//! Hintermüller, Ito and Kunisch, *SIAM J. Optim.* 13, 2002). Each round is one factorisation; from the active set of
+//! the last step it takes few.
+//!
+//! The Hessian need only be positive definite where the active constraints vanish; if it is not, the damping δ grows.
+
+use super::iterate::Iterate;
+use super::kkt::{Kkt, KktValues};
+use crate::numerics::sparse::Sparse;
+
+const ROUNDS: usize = 16;
+/// From this round on, one row changes at a time.
+const CAREFUL: usize = 8;
+const LARGEST_DAMPING: f64 = 1e8;
+
+/// The step and multipliers of the sub-problem.
+#[derive(Clone, Debug)]
+pub struct Step {
+    pub direction: Vec<f64>,
+    pub equality_multipliers: Vec<f64>,
+    pub inequality_multipliers: Vec<f64>,
+    pub active: Vec<bool>,
+    /// Interior-point iterations spent in Clarabel; 0 if the active set was guessed.
+    pub qp_iterations: usize,
+    pub factorisations: usize,
+}
+
+/// Why no step came out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoStep {
+    /// The active set did not settle.
+    Unsettled,
+    /// No damping made the Hessian positive definite, or the linear system could not be solved.
+    Singular,
+}
+
+/// Solves the sub-problem at `here` from the guess `active`. `damping` is raised as far as the inertia asks for and
+/// left there for the caller.
+pub fn solve(
+    kkt: &mut Kkt,
+    here: &Iterate,
+    hessian: &Sparse,
+    metric: &Sparse,
+    damping: &mut f64,
+    active: &[bool],
+) -> Result<Step, NoStep> {
+    let (n, me) = (here.x.len(), here.equalities.len());
+    let mut active = active.to_vec();
+    let mut right = vec![0.0; kkt.order()];
+    for i in 0..n {
+        right[i] = -here.gradient[i];
+    }
+    for i in 0..me {
+        right[n + i] = -here.equalities[i];
+    }
+    for i in 0..active.len() {
+        right[n + me + i] = -here.inequalities[i];
+    }
+    let mut solution = vec![0.0; kkt.order()];
+    let mut factorisations = 0;
+    for round in 0..ROUNDS {
+        loop {
+            let inertia = kkt.factorise(&KktValues {
+                hessian,
+                metric,
+                damping: *damping,
+                equalities: &here.equality_jacobian,
+                inequalities: &here.inequality_jacobian,
+                active: &active,
+            });
+            factorisations += 1;
+            if inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
+                break;
+            }
+            *damping = (20.0 * *damping).max(1e-12);
+            if *damping > LARGEST_DAMPING {
+                return Err(NoStep::Singular);
+            }
+        }
+        let accuracy = kkt.solve(&right, &mut solution);
+        if accuracy.is_nan() || accuracy > 1e-6 {
+            return Err(NoStep::Singular);
+        }
+        let (direction, multipliers) = (&solution[..n], &solution[n + me..]);
+        let mut slack = here.inequalities.clone();
+        here.inequality_jacobian.add_product(1.0, direction, &mut slack);
+        let scale = multipliers.iter().map(|y| y.abs()).fold(0.0, f64::max);
+        // Positive: how wrong the guess is for this row.
+        let wrong = |row: usize| if active[row] { multipliers[row] / scale.max(1e-300) - 1e-10 } else { -slack[row] - 1e-10 };
+        let mut worst: Vec<(f64, usize)> =
+            (0..active.len()).map(|row| (wrong(row), row)).filter(|(by, _)| *by > 0.0).collect();
+        if worst.is_empty() {
+            return Ok(Step {
+                direction: direction.to_vec(),
+                equality_multipliers: solution[n..n + me].to_vec(),
+                inequality_multipliers: multipliers.iter().zip(&active).map(|(y, &a)| if a { -y } else { 0.0 }).collect(),
+                active,
+                qp_iterations: 0,
+                factorisations,
+            });
+        }
+        if round >= CAREFUL {
+            worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+            worst.truncate(1);
+        }
+        worst.iter().for_each(|&(_, row)| active[row] = !active[row]);
+    }
+    Err(NoStep::Unsettled)
+}

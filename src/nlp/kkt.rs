@@ -1,0 +1,160 @@
+//! The linear systems of the solver: one symmetric indefinite matrix, one pattern, many values.
+//!
+//! ```text
+//!     ⎡ H + δ D + ε     Aᵀ      Bᵀ ⎤ ⎡  d ⎤   ⎡ r_x ⎤
+//!     ⎢ A             −ε         0 ⎥ ⎢  λ ⎥ = ⎢ r_c ⎥
+//!     ⎣ B               0       −ε ⎦ ⎣ −ν ⎦   ⎣ r_d ⎦
+//! ```
+//!
+//! A: equalities, B: inequalities. Rows of inequalities that are not active are replaced by `−1` on the diagonal, so
+//! that the pattern, and with it the symbolic factorisation, serves every active set.
+//!
+//! Factorised stage by stage in time ([`StagedLdl`]) with pivoting. The tiny ε keeps dependent constraints from making
+//! the matrix singular; iterative refinement takes it out again. By Sylvester's law the signs of the pivots tell
+//! whether H + δ D is positive definite where the active constraints vanish.
+
+use crate::numerics::sparse::{Pattern, Sparse};
+use crate::numerics::staged::StagedLdl;
+pub use crate::numerics::staged::Inertia;
+
+/// ε of the variables and of the constraints, against entries of order one.
+const PRIMAL: f64 = 1e-14;
+const DUAL: f64 = 1e-11;
+const REFINEMENTS: usize = 10;
+
+/// The matrix, its symbolic factorisation and its work space.
+pub struct Kkt {
+    variables: usize,
+    equalities: usize,
+    /// The exact matrix: no ε.
+    matrix: Sparse,
+    /// The same with ε, as factorised.
+    regularised: Vec<f64>,
+    hessian_slots: Vec<usize>,
+    equality_slots: Vec<usize>,
+    inequality_slots: Vec<usize>,
+    diagonal_slots: Vec<usize>,
+    active: Vec<bool>,
+    factors: StagedLdl,
+    residual: Vec<f64>,
+    correction: Vec<f64>,
+}
+
+/// The numbers that fill the matrix.
+pub struct KktValues<'a> {
+    pub hessian: &'a Sparse,
+    pub metric: &'a Sparse,
+    /// δ
+    pub damping: f64,
+    pub equalities: &'a Sparse,
+    pub inequalities: &'a Sparse,
+    pub active: &'a [bool],
+}
+
+impl Kkt {
+    /// Analyses the pattern; `hessian` is an upper triangle with full diagonal.
+    pub fn new(hessian: &Sparse, equalities: &Sparse, inequalities: &Sparse, variable_stages: &[usize]) -> Self {
+        let n = hessian.columns;
+        let (me, mi) = (equalities.rows, inequalities.rows);
+        let order = n + me + mi;
+        let mut pattern = Pattern::new(order, order);
+        hessian.entries().for_each(|(i, j, _)| pattern.add(i, j));
+        equalities.entries().for_each(|(i, j, _)| pattern.add(j, n + i));
+        inequalities.entries().for_each(|(i, j, _)| pattern.add(j, n + me + i));
+        (0..order).for_each(|i| pattern.add(i, i));
+        let matrix = pattern.build();
+        let mut stage = variable_stages.to_vec();
+        stage.resize(order, usize::MAX);
+        for (i, j, _) in equalities.entries() {
+            stage[n + i] = stage[n + i].min(stage[j]);
+        }
+        for (i, j, _) in inequalities.entries() {
+            stage[n + me + i] = stage[n + me + i].min(stage[j]);
+        }
+        Self {
+            variables: n,
+            equalities: me,
+            hessian_slots: hessian.entries().map(|(i, j, _)| pattern.slot(i, j)).collect(),
+            equality_slots: equalities.entries().map(|(i, j, _)| pattern.slot(j, n + i)).collect(),
+            inequality_slots: inequalities.entries().map(|(i, j, _)| pattern.slot(j, n + me + i)).collect(),
+            diagonal_slots: (0..order).map(|i| pattern.slot(i, i)).collect(),
+            active: vec![false; mi],
+            regularised: vec![0.0; matrix.values.len()],
+            factors: StagedLdl::new(&matrix, &stage),
+            matrix,
+            residual: vec![0.0; order],
+            correction: vec![0.0; order],
+        }
+    }
+
+    pub fn order(&self) -> usize {
+        self.diagonal_slots.len()
+    }
+
+    /// Fills and factorises the matrix. `None` if a pivot vanishes or a value is not finite.
+    pub fn factorise(&mut self, values: &KktValues<'_>) -> Option<Inertia> {
+        let (n, me) = (self.variables, self.equalities);
+        let matrix = &mut self.matrix.values;
+        matrix.fill(0.0);
+        for (k, &slot) in self.hessian_slots.iter().enumerate() {
+            matrix[slot] = values.hessian.values[k] + values.damping * values.metric.values[k];
+        }
+        for (k, &slot) in self.equality_slots.iter().enumerate() {
+            matrix[slot] = values.equalities.values[k];
+        }
+        for (k, (row, _, _)) in values.inequalities.entries().enumerate() {
+            if values.active[row] {
+                matrix[self.inequality_slots[k]] = values.inequalities.values[k];
+            }
+        }
+        self.active.copy_from_slice(values.active);
+        for (row, &active) in values.active.iter().enumerate() {
+            matrix[self.diagonal_slots[n + me + row]] = if active { 0.0 } else { -1.0 };
+        }
+        self.regularised.copy_from_slice(matrix);
+        for (i, &slot) in self.diagonal_slots.iter().enumerate() {
+            self.regularised[slot] += if i < n { PRIMAL } else { -DUAL };
+        }
+        self.factors.factorise(&self.regularised)
+    }
+
+    /// Whether the last inertia is that of a matrix positive definite on the null space of the active rows.
+    pub fn is_right(&self, inertia: Inertia) -> bool {
+        inertia.positive == self.variables
+    }
+
+    /// Solves for `solution` with iterative refinement; entries of `right_hand_side` in rows that are not active are
+    /// ignored. Returns the residual's largest entry relative to that of the right-hand side.
+    pub fn solve(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        let n = self.variables + self.equalities;
+        let right = |i: usize, active: &[bool]| if i < n || active[i - n] { right_hand_side[i] } else { 0.0 };
+        let scale = (0..self.order()).map(|i| right(i, &self.active).abs()).fold(0.0, f64::max).max(1e-300);
+        solution.fill(0.0);
+        let mut best = f64::INFINITY;
+        for _ in 0..REFINEMENTS {
+            for i in 0..self.order() {
+                self.residual[i] = right(i, &self.active);
+            }
+            self.matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
+            let size = self.residual.iter().map(|r| r.abs()).fold(0.0, f64::max) / scale;
+            if size.is_nan() || size >= 0.5 * best {
+                if size < best {
+                    return size;
+                }
+                // The last correction did harm or nothing: take it back.
+                if best.is_finite() {
+                    solution.iter_mut().zip(&self.correction).for_each(|(x, d)| *x -= d);
+                }
+                return best;
+            }
+            best = size;
+            if size < 1e-15 {
+                return size;
+            }
+            self.correction.copy_from_slice(&self.residual);
+            self.factors.solve(&mut self.correction);
+            solution.iter_mut().zip(&self.correction).for_each(|(x, d)| *x += d);
+        }
+        best
+    }
+}

@@ -1,0 +1,376 @@
+//! L D Lᵀ of a sparse symmetric indefinite matrix whose unknowns come in stages (time), each coupled only to
+//! near stages. Work and memory are linear in the number of stages.
+//!
+//! A dense window slides along the stages (a chain of fronts):
+//!
+//! ```text
+//!            delayed  own stage  border: later unknowns met so far
+//!          ⎡    ·         ·         ·   ⎤
+//!   F  =   ⎢    ·         ·         ·   ⎥   pivots only from the first two groups
+//!          ⎣    ·         ·         ·   ⎦
+//! ```
+//!
+//! Pivots of order 1 and 2 must pass a threshold test against their whole columns; those that do not are
+//! delayed to the next stage. That keeps the factors bounded without regularisation (Duff and Reid, *The
+//! multifrontal solution of indefinite sparse symmetric linear equations*, ACM TOMS 9, 1983). By Sylvester's law
+//! the signs of the pivots are the signs of the eigenvalues.
+
+use super::sparse::Sparse;
+
+/// A pivot must be at least this fraction of its column.
+const THRESHOLD: f64 = 0.02;
+
+/// Number of positive and negative eigenvalues; what is missing to the order is zero to working precision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inertia {
+    pub positive: usize,
+    pub negative: usize,
+}
+
+#[derive(Clone, Debug)]
+struct Stage {
+    own: Vec<usize>,
+    border: Vec<usize>,
+    /// Place of each of the previous stage's border unknowns among `own` then `border`.
+    carry: Vec<usize>,
+    /// (row, column among `own` then `border`, slot in the matrix' values)
+    entries: Vec<(usize, usize, usize)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Pivot {
+    first: usize,
+    /// For a pivot of order 2.
+    second: Option<usize>,
+    /// Inverse of the pivot block: (1,1), (1,2), (2,2).
+    inverse: [f64; 3],
+    /// End of this pivot's entries in `rows` and `multipliers`.
+    end: usize,
+}
+
+/// The factorisation; symbolic once, numeric as often as values change.
+#[derive(Clone, Debug)]
+pub struct StagedLdl {
+    order: usize,
+    stages: Vec<Stage>,
+    pivots: Vec<Pivot>,
+    rows: Vec<usize>,
+    multipliers: Vec<[f64; 2]>,
+    front: Vec<f64>,
+    carried: Vec<f64>,
+}
+
+impl StagedLdl {
+    /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0.
+    pub fn new(matrix: &Sparse, stage: &[usize]) -> Self {
+        let order = matrix.columns;
+        let count = stage.iter().max().map_or(0, |last| last + 1);
+        // The first stage that meets each unknown is that of its earliest neighbour.
+        let mut met: Vec<usize> = stage.to_vec();
+        for (row, column, _) in matrix.entries() {
+            let earliest = stage[row].min(stage[column]);
+            met[row] = met[row].min(earliest);
+            met[column] = met[column].min(earliest);
+        }
+        let mut stages: Vec<Stage> = (0..count)
+            .map(|s| Stage {
+                own: (0..order).filter(|&i| stage[i] == s).collect(),
+                border: (0..order).filter(|&i| stage[i] > s && met[i] <= s).collect(),
+                carry: Vec::new(),
+                entries: Vec::new(),
+            })
+            .collect();
+        let mut place = vec![usize::MAX; order];
+        let mut by_stage = vec![Vec::new(); count];
+        for (row, column, slot) in matrix.entries() {
+            by_stage[stage[row].min(stage[column])].push((row, column, slot));
+        }
+        for s in 0..count {
+            let members: Vec<usize> = stages[s].own.iter().chain(&stages[s].border).copied().collect();
+            members.iter().enumerate().for_each(|(local, &i)| place[i] = local);
+            if s > 0 {
+                stages[s].carry = stages[s - 1].border.iter().map(|&i| place[i]).collect();
+            }
+            stages[s].entries = by_stage[s].iter().map(|&(row, column, slot)| (place[row], place[column], slot)).collect();
+        }
+        Self {
+            order,
+            stages,
+            pivots: Vec::with_capacity(order),
+            rows: Vec::new(),
+            multipliers: Vec::new(),
+            front: Vec::new(),
+            carried: Vec::new(),
+        }
+    }
+
+    /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
+    pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
+        self.pivots.clear();
+        self.rows.clear();
+        self.multipliers.clear();
+        let mut inertia = Inertia { positive: 0, negative: 0 };
+        let mut delayed: Vec<usize> = Vec::new();
+        let mut index: Vec<usize> = Vec::new();
+        let last = self.stages.len().saturating_sub(1);
+        for s in 0..self.stages.len() {
+            let stage = &self.stages[s];
+            let (nd, old) = (delayed.len(), delayed.len() + stage.carry.len());
+            index.clear();
+            index.extend(delayed.iter().chain(&stage.own).chain(&stage.border));
+            let n = index.len();
+            self.front.clear();
+            self.front.resize(n * n, 0.0);
+            let front = &mut self.front;
+            let to = |k: usize| if k < nd { k } else { nd + stage.carry[k - nd] };
+            for i in 0..old {
+                for j in 0..old {
+                    front[to(i) * n + to(j)] = self.carried[i * old + j];
+                }
+            }
+            for &(i, j, slot) in &stage.entries {
+                let (i, j) = (nd + i, nd + j);
+                front[i * n + j] += values[slot];
+                if i != j {
+                    front[j * n + i] += values[slot];
+                }
+            }
+            let summed = nd + stage.own.len();
+            let mut k = 0;
+            while k < summed {
+                match find_pivot(front, n, k, summed) {
+                    Some((c, None)) => {
+                        swap(front, &mut index, n, k, c);
+                        k += 1;
+                    }
+                    Some((c, Some(r))) => {
+                        swap(front, &mut index, n, k, c);
+                        swap(front, &mut index, n, k + 1, if r == k { c } else { r });
+                        k += 2;
+                        eliminate_two(front, n, k - 2, &index, &mut self.rows, &mut self.multipliers, &mut self.pivots);
+                        let determinant_sign = self.pivots.last().map(|p| p.inverse[0] * p.inverse[2] - p.inverse[1] * p.inverse[1])?;
+                        if determinant_sign.is_nan() {
+                            return None;
+                        } else if determinant_sign < 0.0 {
+                            inertia.positive += 1;
+                            inertia.negative += 1;
+                        } else if self.pivots.last()?.inverse[0] > 0.0 {
+                            inertia.positive += 2;
+                        } else {
+                            inertia.negative += 2;
+                        }
+                        continue;
+                    }
+                    None if s < last => break,
+                    None => {
+                        // Nothing is left to delay to: the largest diagonal entry, however small.
+                        let c = (k..summed).max_by(|&a, &b| {
+                            front[a * n + a].abs().total_cmp(&front[b * n + b].abs())
+                        })?;
+                        swap(front, &mut index, n, k, c);
+                        k += 1;
+                    }
+                }
+                eliminate_one(front, n, k - 1, &index, &mut self.rows, &mut self.multipliers, &mut self.pivots);
+                let inverse = self.pivots.last()?.inverse[0];
+                if inverse.is_nan() {
+                    return None;
+                } else if inverse > 0.0 {
+                    inertia.positive += 1;
+                } else if inverse < 0.0 {
+                    inertia.negative += 1;
+                }
+            }
+            let rest = n - k;
+            self.carried.clear();
+            for i in k..n {
+                self.carried.extend_from_slice(&front[i * n + k..(i + 1) * n]);
+            }
+            debug_assert_eq!(self.carried.len(), rest * rest);
+            delayed.clear();
+            delayed.extend_from_slice(&index[k..summed]);
+        }
+        self.multipliers.iter().flatten().all(|l| l.is_finite()).then_some(inertia)
+    }
+
+    /// Solves in place with the last factorisation.
+    pub fn solve(&self, x: &mut [f64]) {
+        debug_assert_eq!(x.len(), self.order);
+        let mut begin = 0;
+        for pivot in &self.pivots {
+            let (a, b) = (x[pivot.first], pivot.second.map_or(0.0, |i| x[i]));
+            for at in begin..pivot.end {
+                let [l, m] = self.multipliers[at];
+                x[self.rows[at]] -= l * a + m * b;
+            }
+            begin = pivot.end;
+        }
+        for (k, pivot) in self.pivots.iter().enumerate().rev() {
+            let begin = if k == 0 { 0 } else { self.pivots[k - 1].end };
+            let (a, b) = (x[pivot.first], pivot.second.map_or(0.0, |i| x[i]));
+            let [p, q, r] = pivot.inverse;
+            let (mut first, mut second) = (p * a + q * b, q * a + r * b);
+            for at in begin..pivot.end {
+                let (value, [l, m]) = (x[self.rows[at]], self.multipliers[at]);
+                first -= l * value;
+                second -= m * value;
+            }
+            x[pivot.first] = first;
+            if let Some(i) = pivot.second {
+                x[i] = second;
+            }
+        }
+    }
+}
+
+/// The next acceptable pivot among rows k … summed: one row, or two.
+fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize, Option<usize>)> {
+    for c in k..summed {
+        let row = &front[c * n..(c + 1) * n];
+        let (mut largest, mut partner, mut partner_size) = (0.0f64, c, 0.0f64);
+        for (j, value) in row.iter().enumerate().skip(k) {
+            if j != c {
+                let size = value.abs();
+                largest = largest.max(size);
+                if j < summed && size > partner_size {
+                    (partner, partner_size) = (j, size);
+                }
+            }
+        }
+        let own = row[c].abs();
+        if own > 0.0 && own >= THRESHOLD * largest {
+            return Some((c, None));
+        }
+        if partner == c {
+            continue;
+        }
+        let r = partner;
+        let other = &front[r * n..(r + 1) * n];
+        let (mut rest_c, mut rest_r) = (0.0f64, 0.0f64);
+        for j in k..n {
+            if j != c && j != r {
+                rest_c = rest_c.max(row[j].abs());
+                rest_r = rest_r.max(other[j].abs());
+            }
+        }
+        let (a, b, d) = (row[c], row[r], other[r]);
+        let determinant = (a * d - b * b).abs();
+        let growth = (d.abs() * rest_c + b.abs() * rest_r).max(b.abs() * rest_c + a.abs() * rest_r);
+        if determinant > 0.0 && growth * THRESHOLD <= determinant {
+            return Some((c, Some(r)));
+        }
+    }
+    None
+}
+
+fn swap(front: &mut [f64], index: &mut [usize], n: usize, i: usize, j: usize) {
+    if i == j {
+        return;
+    }
+    index.swap(i, j);
+    for column in 0..n {
+        front.swap(i * n + column, j * n + column);
+    }
+    for row in 0..n {
+        front.swap(row * n + i, row * n + j);
+    }
+}
+
+fn eliminate_one(
+    front: &mut [f64],
+    n: usize,
+    k: usize,
+    index: &[usize],
+    rows: &mut Vec<usize>,
+    multipliers: &mut Vec<[f64; 2]>,
+    pivots: &mut Vec<Pivot>,
+) {
+    let d = front[k * n + k];
+    // A zero pivot in a zero column: the unknown is left at zero.
+    let inverse = if d == 0.0 { 0.0 } else { 1.0 / d };
+    let (head, tail) = front.split_at_mut((k + 1) * n);
+    let pivot_row = &head[k * n + k + 1..];
+    for (offset, row) in tail.chunks_exact_mut(n).enumerate() {
+        let l = row[k] * inverse;
+        if l != 0.0 {
+            rows.push(index[k + 1 + offset]);
+            multipliers.push([l, 0.0]);
+            row[k + 1..].iter_mut().zip(pivot_row).for_each(|(x, p)| *x -= l * p);
+        }
+    }
+    pivots.push(Pivot { first: index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
+}
+
+fn eliminate_two(
+    front: &mut [f64],
+    n: usize,
+    k: usize,
+    index: &[usize],
+    rows: &mut Vec<usize>,
+    multipliers: &mut Vec<[f64; 2]>,
+    pivots: &mut Vec<Pivot>,
+) {
+    let (a, b, d) = (front[k * n + k], front[k * n + k + 1], front[(k + 1) * n + k + 1]);
+    let determinant = a * d - b * b;
+    let inverse = [d / determinant, -b / determinant, a / determinant];
+    let (head, tail) = front.split_at_mut((k + 2) * n);
+    let (first, second) = head[k * n..].split_at(n);
+    let (first, second) = (&first[k + 2..], &second[k + 2..]);
+    for (offset, row) in tail.chunks_exact_mut(n).enumerate() {
+        let (x, y) = (row[k], row[k + 1]);
+        if x != 0.0 || y != 0.0 {
+            let (l, m) = (inverse[0] * x + inverse[1] * y, inverse[1] * x + inverse[2] * y);
+            rows.push(index[k + 2 + offset]);
+            multipliers.push([l, m]);
+            row[k + 2..].iter_mut().zip(first.iter().zip(second)).for_each(|(z, (p, q))| *z -= l * p + m * q);
+        }
+    }
+    pivots.push(Pivot { first: index[k], second: Some(index[k + 1]), inverse, end: rows.len() });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// A random saddle-point matrix over `stages` stages of 5 unknowns, of which 2 have a zero diagonal block.
+    fn matrix(rng: &mut impl rand::Rng, stages: usize) -> (Sparse, Vec<usize>) {
+        let stage: Vec<usize> = (0..5 * stages).map(|i| i / 5).collect();
+        let mut triplets = Vec::new();
+        for i in 0..5 * stages {
+            for j in i..5 * stages {
+                let dual = |k: usize| k % 5 >= 3;
+                if stage[j] - stage[i] <= 2 && !(dual(i) && dual(j)) && rng.random_range(0.0..1.0) < 0.7 {
+                    triplets.push((i, j, rng.random_range(-1.0..1.0)));
+                }
+            }
+        }
+        (Sparse::from_triplets(5 * stages, 5 * stages, &triplets), stage)
+    }
+
+    #[test]
+    fn solutions_and_inertia_agree_with_the_dense_eigenvalues() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        for stages in [1, 2, 7, 20] {
+            let (matrix, stage) = matrix(&mut rng, stages);
+            let n = matrix.columns;
+            let mut ldl = StagedLdl::new(&matrix, &stage);
+            let inertia = ldl.factorise(&matrix.values).unwrap();
+            let mut dense = faer::Mat::<f64>::zeros(n, n);
+            for (i, j, slot) in matrix.entries() {
+                dense[(i, j)] = matrix.values[slot];
+                dense[(j, i)] = matrix.values[slot];
+            }
+            let eigenvalues = dense.self_adjoint_eigenvalues(faer::Side::Lower).unwrap();
+            assert_eq!(inertia.positive, eigenvalues.iter().filter(|e| **e > 0.0).count());
+            assert_eq!(inertia.positive + inertia.negative, n);
+            let right: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let mut x = right.clone();
+            ldl.solve(&mut x);
+            let mut residual = right;
+            matrix.add_symmetric_product(-1.0, &x, &mut residual);
+            let size = x.iter().fold(1.0f64, |a, b| a.max(b.abs()));
+            assert!(residual.iter().all(|r| r.abs() < 1e-11 * size), "{stages}");
+        }
+    }
+}

@@ -1,0 +1,384 @@
+//! The assembled problem: instants at collocation points, tied to one decision vector by linear maps.
+//!
+//! Each scheme says how the local variables z of each point depend on the decision vector x: `z_j = B_j x`, with B_j sparse
+//! and constant ([`Layout`]). Everything else follows:
+//!
+//! ```text
+//! ∂c/∂x = [ initial rows ; G_1 B_1 ; … ; G_p B_p ]          G_j = ∂(equations)/∂z at point j
+//! ∇²L   = JᵀJ + Σ_j B_jᵀ W_j B_j                             W_j = Hessian of λ_jᵀ equations − ν_jᵀ f_m
+//! ```
+//!
+//! Patterns and the place of each product in them are worked out once.
+
+use super::instant::{ACTIVATION, EXCITATION, Instant, InstantMultipliers, LENGTH, VELOCITY};
+use crate::nlp::problem::{Multipliers, Problem};
+use crate::numerics::sparse::{Pattern, Sparse};
+
+/// Σ weight · x[index]
+pub type Combination = Vec<(usize, f64)>;
+
+pub fn evaluate(combination: &Combination, x: &[f64]) -> f64 {
+    combination.iter().map(|&(index, weight)| weight * x[index]).sum()
+}
+
+/// What a scheme provides.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    /// Collocation points, s.
+    pub times: Vec<f64>,
+    pub variables: usize,
+    /// The time block of each variable, from 0.
+    pub stages: Vec<usize>,
+    /// For each point, each local variable as a combination of x.
+    pub points: Vec<Vec<Combination>>,
+    /// Linear equalities `Σ weight · x = 0`.
+    pub initial: Vec<Combination>,
+}
+
+/// One inequality at one point; all are `≥ 0`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum BoundKind {
+    /// a ≥ 0
+    Activation,
+    /// u ≥ 0
+    Excitation,
+    /// 1 − a ≥ 0
+    ActivationUpper,
+    /// 1 − u ≥ 0
+    ExcitationUpper,
+    /// f_m ≥ 0: where a ≥ 0 is not imposed, so that no tendon pushes (eq. 11).
+    Force,
+}
+
+/// Which inequality a row is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bound {
+    pub kind: BoundKind,
+    pub muscle: usize,
+    pub point: usize,
+}
+
+/// (local entry, slot in the sparse values, factor)
+type Scatter = Vec<(u32, u32, f64)>;
+
+/// A transcribed problem. See the module.
+#[derive(Clone, Debug)]
+pub struct Collocation<'m> {
+    pub instant: Instant<'m>,
+    pub layout: Layout,
+    pub bounds: Vec<Bound>,
+    residual_jacobian: Sparse,
+    residual_data: Vec<f64>,
+    equality_pattern: Sparse,
+    inequality_pattern: Sparse,
+    hessian_pattern: Sparse,
+    gram: Vec<f64>,
+    jacobian_scatter: Vec<Scatter>,
+    hessian_scatter: Vec<Scatter>,
+    /// Slots of the force rows: point by point, muscle by muscle, (entry 0–2, slot, factor).
+    force_scatter: Vec<Scatter>,
+    /// Factor of each variable's unit: X = unit · x. The weight W for reactions, else 1.
+    pub units: Vec<f64>,
+}
+
+impl<'m> Collocation<'m> {
+    /// `residual_rows`, `residual_data`: J and b of the objective. `kinds`: the inequalities imposed at every point.
+    pub fn new(
+        instant: Instant<'m>,
+        layout: Layout,
+        residual_rows: &[Combination],
+        residual_data: Vec<f64>,
+        kinds: &[BoundKind],
+    ) -> Self {
+        let n = layout.variables;
+        let triplets: Vec<(usize, usize, f64)> = residual_rows
+            .iter()
+            .enumerate()
+            .flat_map(|(row, combination)| combination.iter().map(move |&(column, weight)| (row, column, weight)))
+            .collect();
+        let residual_jacobian = Sparse::from_triplets(residual_rows.len(), n, &triplets);
+
+        let (nz, rows) = (instant.variables(), instant.equations());
+        let initial = layout.initial.len();
+        let mut equalities = Pattern::new(initial + rows * layout.points.len(), n);
+        for (row, combination) in layout.initial.iter().enumerate() {
+            combination.iter().for_each(|&(column, _)| equalities.add(row, column));
+        }
+        let local_jacobian = instant.jacobian_pattern();
+        for (j, map) in layout.points.iter().enumerate() {
+            for &(row, local) in &local_jacobian {
+                map[local].iter().for_each(|&(column, _)| equalities.add(initial + j * rows + row, column));
+            }
+        }
+        let mut equality_pattern = equalities.build();
+        for (row, combination) in layout.initial.iter().enumerate() {
+            for &(column, weight) in combination {
+                equality_pattern.values[equalities.slot(row, column)] += weight;
+            }
+        }
+        let jacobian_scatter = layout
+            .points
+            .iter()
+            .enumerate()
+            .map(|(j, map)| {
+                let entry = |&(row, local): &(usize, usize)| {
+                    let equalities = &equalities;
+                    map[local].iter().map(move |&(column, weight)| {
+                        let slot = equalities.slot(initial + j * rows + row, column);
+                        ((row * nz + local) as u32, slot as u32, weight)
+                    })
+                };
+                local_jacobian.iter().flat_map(entry).collect()
+            })
+            .collect();
+
+        let mut bounds = Vec::new();
+        for point in 0..layout.points.len() {
+            for &kind in kinds {
+                bounds.extend((0..instant.model.muscles.len()).map(|muscle| Bound { kind, muscle, point }));
+            }
+        }
+        let mut inequalities = Pattern::new(bounds.len(), n);
+        let locals = |bound: &Bound| {
+            let at = instant.muscle(bound.muscle);
+            match bound.kind {
+                BoundKind::Activation | BoundKind::ActivationUpper => vec![at + ACTIVATION],
+                BoundKind::Excitation | BoundKind::ExcitationUpper => vec![at + EXCITATION],
+                BoundKind::Force => vec![at + ACTIVATION, at + LENGTH, at + VELOCITY],
+            }
+        };
+        for (row, bound) in bounds.iter().enumerate() {
+            for local in locals(bound) {
+                layout.points[bound.point][local].iter().for_each(|&(column, _)| inequalities.add(row, column));
+            }
+        }
+        let mut inequality_pattern = inequalities.build();
+        let mut force_scatter = vec![Scatter::new(); layout.points.len()];
+        for (row, bound) in bounds.iter().enumerate() {
+            let sign = match bound.kind {
+                BoundKind::Activation | BoundKind::Excitation => 1.0,
+                BoundKind::ActivationUpper | BoundKind::ExcitationUpper => -1.0,
+                BoundKind::Force => {
+                    for (k, local) in locals(bound).into_iter().enumerate() {
+                        for &(column, weight) in &layout.points[bound.point][local] {
+                            let slot = inequalities.slot(row, column) as u32;
+                            force_scatter[bound.point].push(((3 * bound.muscle + k) as u32, slot, weight));
+                        }
+                    }
+                    continue;
+                }
+            };
+            for &(column, weight) in &layout.points[bound.point][locals(bound)[0]] {
+                inequality_pattern.values[inequalities.slot(row, column)] += sign * weight;
+            }
+        }
+
+        let gram_matrix = residual_jacobian.gram();
+        let local_hessian = instant.hessian_pattern();
+        let mut hessian = Pattern::new(n, n);
+        gram_matrix.entries().for_each(|(row, column, _)| hessian.add(row, column));
+        (0..n).for_each(|i| hessian.add(i, i));
+        for map in &layout.points {
+            for &(i, j) in &local_hessian {
+                for &(row, _) in &map[i] {
+                    map[j].iter().filter(|&&(column, _)| row <= column).for_each(|&(c, _)| hessian.add(row, c));
+                }
+            }
+        }
+        let hessian_pattern = hessian.build();
+        let mut gram = vec![0.0; hessian_pattern.values.len()];
+        for (row, column, slot) in gram_matrix.entries() {
+            gram[hessian.slot(row, column)] = gram_matrix.values[slot];
+        }
+        let hessian_scatter = layout
+            .points
+            .iter()
+            .map(|map| {
+                let mut scatter = Scatter::new();
+                for &(i, j) in &local_hessian {
+                    for &(row, weight) in &map[i] {
+                        for &(column, other) in map[j].iter().filter(|&&(column, _)| row <= column) {
+                            let slot = hessian.slot(row, column) as u32;
+                            scatter.push(((i * nz + j) as u32, slot, weight * other));
+                        }
+                    }
+                }
+                scatter
+            })
+            .collect();
+
+        let mut units = vec![1.0; n];
+        let weight = instant.model.weight();
+        for map in &layout.points {
+            for c in 0..instant.model.constraints() {
+                map[instant.reaction(c)].iter().for_each(|&(index, _)| units[index] = weight);
+            }
+        }
+        Self {
+            instant,
+            layout,
+            bounds,
+            residual_jacobian,
+            residual_data,
+            equality_pattern,
+            inequality_pattern,
+            hessian_pattern,
+            gram,
+            jacobian_scatter,
+            hessian_scatter,
+            force_scatter,
+            units,
+        }
+    }
+
+    /// Local variables z of a point.
+    pub fn local(&self, point: usize, x: &[f64]) -> Vec<f64> {
+        self.layout.points[point].iter().map(|combination| evaluate(combination, x)).collect()
+    }
+
+    /// The bound's slack at x.
+    fn slack(&self, bound: &Bound, z: &[f64]) -> f64 {
+        let at = self.instant.muscle(bound.muscle);
+        match bound.kind {
+            BoundKind::Activation => z[at + ACTIVATION],
+            BoundKind::Excitation => z[at + EXCITATION],
+            BoundKind::ActivationUpper => 1.0 - z[at + ACTIVATION],
+            BoundKind::ExcitationUpper => 1.0 - z[at + EXCITATION],
+            BoundKind::Force => self.instant.fibre_force(z, bound.muscle),
+        }
+    }
+
+    /// Feasibility of the unscaled problem (the contract's): the largest of |eq. (1)| over total weight, |eq. (3)| as
+    /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, and initial-value rows.
+    pub fn feasibility(&self, x: &[f64]) -> f64 {
+        let mut worst: f64 = self.layout.initial.iter().map(|row| evaluate(row, x).abs()).fold(0.0, worse);
+        let mut residual = vec![0.0; self.instant.equations()];
+        let [_, contraction, activation] = self.instant.row_starts();
+        for point in 0..self.layout.points.len() {
+            let z = self.local(point, x);
+            self.instant.residual(&z, &mut residual);
+            for m in 0..activation - contraction {
+                residual[contraction + m] = self.instant.printed_contraction_residual(&z, m);
+            }
+            worst = residual.iter().map(|r| r.abs()).fold(worst, worse);
+        }
+        for bound in &self.bounds {
+            worst = worse(worst, -self.slack(bound, &self.local(bound.point, x)));
+        }
+        worst
+    }
+}
+
+/// The larger, and NaN if either is.
+fn worse(a: f64, b: f64) -> f64 {
+    if b.is_nan() || b > a { b } else { a }
+}
+
+impl Problem for Collocation<'_> {
+    fn variables(&self) -> usize {
+        self.layout.variables
+    }
+
+    fn equalities(&self) -> usize {
+        self.equality_pattern.rows
+    }
+
+    fn inequalities(&self) -> usize {
+        self.bounds.len()
+    }
+
+    fn stages(&self) -> &[usize] {
+        &self.layout.stages
+    }
+
+    fn residual_jacobian(&self) -> &Sparse {
+        &self.residual_jacobian
+    }
+
+    fn residual_data(&self) -> &[f64] {
+        &self.residual_data
+    }
+
+    fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]) {
+        let (initial, rows) = (self.layout.initial.len(), self.instant.equations());
+        for (row, combination) in self.layout.initial.iter().enumerate() {
+            equalities[row] = evaluate(combination, x);
+        }
+        let per_point = self.bounds.len() / self.layout.points.len();
+        for point in 0..self.layout.points.len() {
+            let z = self.local(point, x);
+            self.instant.residual(&z, &mut equalities[initial + point * rows..initial + (point + 1) * rows]);
+            for row in point * per_point..(point + 1) * per_point {
+                inequalities[row] = self.slack(&self.bounds[row], &z);
+            }
+        }
+    }
+
+    fn patterns(&self) -> [&Sparse; 3] {
+        [&self.equality_pattern, &self.inequality_pattern, &self.hessian_pattern]
+    }
+
+    fn jacobians(&self, x: &[f64], equalities: &mut Sparse, inequalities: &mut Sparse) {
+        let (nz, rows) = (self.instant.variables(), self.instant.equations());
+        equalities.values.copy_from_slice(&self.equality_pattern.values);
+        inequalities.values.copy_from_slice(&self.inequality_pattern.values);
+        let mut local = vec![0.0; rows * nz];
+        let mut force = vec![[0.0; 3]; self.instant.model.muscles.len()];
+        for point in 0..self.layout.points.len() {
+            self.instant.jacobian(&self.local(point, x), &mut local, &mut force);
+            for &(entry, slot, weight) in &self.jacobian_scatter[point] {
+                equalities.values[slot as usize] += weight * local[entry as usize];
+            }
+            for &(entry, slot, weight) in &self.force_scatter[point] {
+                inequalities.values[slot as usize] += weight * force[entry as usize / 3][entry as usize % 3];
+            }
+        }
+    }
+
+    fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, out: &mut Sparse) {
+        let (nz, rows) = (self.instant.variables(), self.instant.equations());
+        let initial = self.layout.initial.len();
+        out.values.copy_from_slice(&self.gram);
+        let mut local = vec![0.0; nz * nz];
+        let mut force = vec![0.0; self.instant.model.muscles.len()];
+        let per_point = self.bounds.len() / self.layout.points.len();
+        for point in 0..self.layout.points.len() {
+            for row in point * per_point..(point + 1) * per_point {
+                if self.bounds[row].kind == BoundKind::Force {
+                    force[self.bounds[row].muscle] = multipliers.inequalities[row];
+                }
+            }
+            let equations = &multipliers.equalities[initial + point * rows..initial + (point + 1) * rows];
+            let z = self.local(point, x);
+            self.instant.hessian(&z, InstantMultipliers { equations, force: &force }, &mut local);
+            for &(entry, slot, weight) in &self.hessian_scatter[point] {
+                out.values[slot as usize] += weight * local[entry as usize];
+            }
+        }
+    }
+
+    /// Weights of the local variables: 1 for q (m, rad) and fibre length, 0.1 for activation, 0.01 for excitation; a
+    /// fibre velocity is measured against `b3 v_max + |v|`, the scale on which the force–velocity curve bends.
+    fn metric(&self, x: &[f64], out: &mut Sparse) {
+        let nz = self.instant.variables();
+        let nq = self.instant.model.coordinates();
+        out.values.fill(0.0);
+        let mut local = vec![0.0; nz * nz];
+        for point in 0..self.layout.points.len() {
+            let z = self.local(point, x);
+            (0..nq).for_each(|i| local[i * nz + i] = 1.0);
+            for (m, muscle) in self.instant.model.muscles.iter().enumerate() {
+                let at = self.instant.muscle(m);
+                let bend = muscle.force_velocity.shortening * muscle.max_shortening_velocity;
+                let velocity = 1.0 / (bend + z[at + VELOCITY].abs());
+                let weights = [(ACTIVATION, 0.1), (LENGTH, 1.0), (VELOCITY, 0.1 * velocity * velocity), (EXCITATION, 0.01)];
+                for (k, weight) in weights {
+                    local[(at + k) * nz + at + k] = weight;
+                }
+            }
+            for &(entry, slot, weight) in &self.hessian_scatter[point] {
+                out.values[slot as usize] += weight * local[entry as usize];
+            }
+        }
+    }
+}
