@@ -73,7 +73,7 @@ pub fn solve(
             if inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
                 break;
             }
-            *damping = (20.0 * *damping).max(1e-12);
+            *damping = (std::env::var("UP").map_or(5.0, |v| v.parse().unwrap()) * *damping).max(1e-12);
             if *damping > LARGEST_DAMPING {
                 return Err(NoStep::Singular);
             }

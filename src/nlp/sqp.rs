@@ -50,6 +50,7 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: &SqpSettings) -> 
     let mut active: Option<Vec<bool>> = None;
     let (mut qp_calls, mut factorisations) = (0, 0);
     let mut damping = 1e-2f64;
+    let mut leapt = false;
     for iteration in 0..settings.max_iterations {
         let error = here.kkt_error();
         if !here.is_finite() { return SqpOutcome { status: SqpStatus::NonFinite, iterate: here, iterations: iteration, qp_calls, factorisations } }
@@ -60,6 +61,7 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: &SqpSettings) -> 
         problem.metric(&here.x, &mut metric);
         let mut accepted = None;
         let mut log = String::new();
+        let mut leap_now = false;
         for attempt in 0..14 {
             // step
             let mut used = damping;
@@ -121,9 +123,29 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: &SqpSettings) -> 
                 alpha *= 0.5;
             }
             match found {
-                Some((alpha, trial, verdict)) => {
+                Some((alpha, mut trial, verdict)) => {
+                    if alpha == 1.0 && step.factorisations == 1 && used <= 1e-5 && error.largest() < 1e-1 && !leapt {
+                        let mut m = 4.0;
+                        while m < 300.0 {
+                            let mut far = trial.clone();
+                            let mut direction: Vec<f64> = step.direction.iter().map(|d| m * d).collect();
+                            let n = here.x.len(); let me = here.equalities.len();
+                            for i in 0..n { far.x[i] = here.x[i] + direction[i]; }
+                            far.evaluate(problem);
+                            for _ in 0..2 {
+                                let mut right = vec![0.0; kkt.order()];
+                                for i in 0..me { right[n + i] = -far.equalities[i]; }
+                                for i in 0..step.active.len() { right[n + me + i] = -far.inequalities[i]; }
+                                let mut sol = vec![0.0; kkt.order()];
+                                kkt.solve(&right, &mut sol);
+                                for i in 0..n { direction[i] += sol[i]; far.x[i] = here.x[i] + direction[i]; }
+                                far.evaluate(problem);
+                            }
+                            if far.is_finite() && far.objective < trial.objective - 1e-14 * h.1.abs() && far.violation() <= trial.violation() { trial = far; log += " X"; leap_now = true; m *= 4.0; } else { break; }
+                        }
+                    }
                     if verdict == Verdict::Progress { filter.add(h); }
-                    damping = if alpha == 1.0 && attempt == 0 { if used > damping { used / 3.0 } else { damping / 5.0 } } else { used };
+                    damping = if alpha >= 1.0 && attempt == 0 { if used > damping { used / 3.0 } else { damping / 5.0 } } else { used };
                     if damping < 1e-13 { damping = 1e-13 }
                     accepted = Some((alpha, trial, step));
                     break;
@@ -138,11 +160,12 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: &SqpSettings) -> 
         let Some((alpha, mut trial, step)) = accepted else {
             return SqpOutcome { status: SqpStatus::Stalled, iterate: here, iterations: iteration, qp_calls, factorisations };
         };
-        for (l, s) in trial.equality_multipliers.iter_mut().zip(&step.equality_multipliers) { *l += alpha * (s - *l); }
-        for (l, s) in trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers) { *l += alpha * (s - *l); }
+        for (l, s) in trial.equality_multipliers.iter_mut().zip(&step.equality_multipliers) { *l += alpha.min(1.0) * (s - *l); }
+        for (l, s) in trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers) { *l += alpha.min(1.0) * (s - *l); }
         trial.differentiate(problem);
         here = trial;
         active = Some(step.active);
+        leapt = leap_now;
     }
     SqpOutcome { status: SqpStatus::IterationLimit, iterate: here, iterations: settings.max_iterations, qp_calls, factorisations }
 }
