@@ -25,9 +25,9 @@ fn main() {
           for j in 0..p { println!("{j}: {}", e[22+20*j..22+20*j+20].iter().map(|v| format!("{v:.2e}")).collect::<Vec<_>>().join(" ")); let z = problem.local(j, &x);
             println!("   q {:?} acc {:?}", &z[..6], &z[6..12]); for m in 0..5 { println!("   m{m} a l v adot u {:?} f {:.4}", &z[12+5*m..17+5*m], problem.instant.fibre_force(&z, m)); } println!("  fr {:?}", &z[37..]); } }
         let v = verbose.as_deref() == Some(&format!("{p}{grid}{bounds}"));
-        let out = sqp::solve(&problem, x, &sqp::SqpSettings { tolerance: 5e-10, max_iterations: 200, verbose: v });
+        let out = sqp::solve(&problem, x, sqp::SqpSettings::default());
         if v { for m in 0..5 { println!("{}", model.muscles[m].name); for j in 0..p { let z = problem.local(j, &out.iterate.x); let at = instant.muscle(m); println!("   a {:10.3e} l {:.4} v {:9.3} u {:10.3e} f {:.5} lam_c {:9.2e}  nu {:?}", z[at], z[at+1], z[at+2], z[at+4], instant.fibre_force(&z, m), out.iterate.equality_multipliers[22+20*j+10+m],
           problem.bounds.iter().zip(&out.iterate.inequality_multipliers).filter(|(b, _)| b.muscle == m && b.point == j).map(|(_, n)| format!("{n:.2e}")).collect::<Vec<_>>()); } } }
-        println!("{p} {grid} {bounds} n {} m {} {:?} it {} qp {} fac {} f {:.8} kkt {:?} feas {:.1e}  build {:?} guess {:?} solve {:?}", problem.variables(), problem.equalities(), out.status, out.iterations, out.qp_calls, out.factorisations, out.iterate.objective, out.iterate.kkt_error(), problem.feasibility(&out.iterate.x), t1, t2 - t1, t0.elapsed() - t2);
+        println!("{p} {grid} {bounds} n {} m {} {:?} it {} qp {} fac {} f {:.8} kkt {:?} feas {:.1e}  build {:?} guess {:?} solve {:?}", problem.variables(), problem.equalities(), out.status, out.iterations(), out.trace.iter().filter(|r| r.qp_iterations > 0).count(), out.factorisations, out.iterate.objective, out.iterate.kkt_error(), problem.feasibility(&out.iterate.x), t1, t2 - t1, t0.elapsed() - t2);
     }}}
 }

@@ -12,7 +12,9 @@ use crate::numerics::sparse::Sparse;
 const ROUNDS: usize = 16;
 /// From this round on, one row changes at a time.
 const CAREFUL: usize = 8;
+pub const SMALLEST_DAMPING: f64 = 1e-13;
 const LARGEST_DAMPING: f64 = 1e8;
+const RAISE: f64 = 5.0;
 
 /// The step and multipliers of the sub-problem.
 #[derive(Clone, Debug)]
@@ -24,6 +26,14 @@ pub struct Step {
     /// Interior-point iterations spent in Clarabel; 0 if the active set was guessed.
     pub qp_iterations: usize,
     pub factorisations: usize,
+}
+
+impl Step {
+    /// Whether the factorisation left in the [`Kkt`] is the one that gave this step, and the first one tried:
+    /// nothing had to change.
+    pub fn is_settled(&self) -> bool {
+        self.factorisations == 1
+    }
 }
 
 /// Why no step came out.
@@ -73,7 +83,7 @@ pub fn solve(
             if inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
                 break;
             }
-            *damping = (std::env::var("UP").map_or(5.0, |v| v.parse().unwrap()) * *damping).max(1e-12);
+            *damping = (RAISE * *damping).max(SMALLEST_DAMPING);
             if *damping > LARGEST_DAMPING {
                 return Err(NoStep::Singular);
             }

@@ -1,171 +1,444 @@
-use super::active_set::{self, NoStep, Step};
+//! Sequential quadratic programming with exact second derivatives.
+//!
+//! ```text
+//! repeat
+//!     sub-problem   min ∇fᵀ d + ½ dᵀ (∇²L + δ D) d   s.t.  c + A d = 0,  d(x) + B d ≥ 0
+//!                   by its active set, from the last one (active_set); by Clarabel with JᵀJ + δ D where that does not settle
+//!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
+//!     leap          along directions that are almost flat, where Newton's method creeps
+//!     on failure    raise δ; then restore feasibility; then give up as `stalled` or `infeasible`
+//! ```
+//!
+//! δ D is a proximal term in the problem's own metric D. It is raised until ∇²L + δ D is positive definite on the
+//! null space of the active constraints (known from the factorisation's inertia) and falls by five after each full step,
+//! so that the last steps are Newton's and converge quadratically.
+//!
+//! Why the leap: the force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its
+//! optimum at infinite fibre velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries 4, 16, 64, … and
+//! keeps what lowers f at no loss of feasibility.
+
+use std::time::Instant;
+
+use super::active_set::{self, SMALLEST_DAMPING, Step};
 use super::filter::{Filter, Verdict};
 use super::iterate::{Iterate, KktError};
 use super::kkt::{Kkt, KktValues};
-use super::problem::Problem;
+use super::problem::{Multipliers, Problem};
 use super::qp::{QpFailure, QuadraticProgramme};
 use crate::numerics::sparse::Sparse;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct SqpSettings {
+    /// All three KKT residuals of the scaled problem must come below this.
     pub tolerance: f64,
     pub max_iterations: usize,
-    pub verbose: bool,
+    /// Gives up as `TimeLimit` when this is past.
+    pub deadline: Option<Instant>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SqpStatus { Converged, IterationLimit, QpFailed, Stalled, Infeasible, NonFinite }
+impl Default for SqpSettings {
+    fn default() -> Self {
+        Self { tolerance: 3e-10, max_iterations: 300, deadline: None }
+    }
+}
 
+/// How a solve ended. Only the first is success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SqpStatus {
+    /// All KKT residuals are below the tolerance.
+    Converged,
+    /// The iterations ran out.
+    IterationLimit,
+    /// The deadline passed.
+    TimeLimit,
+    /// The quadratic sub-problem could not be solved in any form.
+    QpFailed,
+    /// No step is accepted any more.
+    Stalled,
+    /// A stationary point of the constraint violation that is not feasible.
+    Infeasible,
+    /// A function or derivative is not finite.
+    NonFinite,
+}
+
+/// One iteration of the trace.
+#[derive(Clone, Debug)]
+pub struct Record {
+    pub x: Vec<f64>,
+    pub objective: f64,
+    pub error: KktError,
+    /// ‖x_{k+1} − x_k‖; 0 in the last record.
+    pub step_norm: f64,
+    /// Interior-point iterations of Clarabel in this iteration's sub-problem.
+    pub qp_iterations: usize,
+}
+
+#[derive(Clone, Debug)]
 pub struct SqpOutcome {
     pub status: SqpStatus,
     pub iterate: Iterate,
-    pub iterations: usize,
-    pub qp_calls: usize,
+    /// One record for each point visited, the last being `iterate`.
+    pub trace: Vec<Record>,
     pub factorisations: usize,
 }
 
-fn convex(problem: &dyn Problem, here: &Iterate, hessian: &Sparse, damping: f64, metric: &Sparse) -> Result<Step, QpFailure> {
-    let mut p = hessian.clone();
-    for (h, m) in p.values.iter_mut().zip(&metric.values) { *h += damping * m; }
-    let gram = problem.residual_jacobian();
-    let _ = gram;
-    let s = QuadraticProgramme { hessian: &p, gradient: &here.gradient, equalities: &here.equality_jacobian, equality_values: &here.equalities,
-        inequalities: &here.inequality_jacobian, inequality_values: &here.inequalities }.solve()?;
-    let mut slack = here.inequalities.clone();
-    here.inequality_jacobian.add_product(1.0, &s.step, &mut slack);
-    let active = slack.iter().zip(&s.inequalities).map(|(s, nu)| s < nu).collect();
-    Ok(Step { direction: s.step, equality_multipliers: s.equalities, inequality_multipliers: s.inequalities, active, qp_iterations: s.iterations, factorisations: 0 })
+impl SqpOutcome {
+    /// Number of steps taken.
+    pub fn iterations(&self) -> usize {
+        self.trace.len().saturating_sub(1)
+    }
 }
 
-pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: &SqpSettings) -> SqpOutcome {
-    let [pe, pi, ph] = problem.patterns();
-    let mut kkt = Kkt::new(ph, pe, pi, problem.stages());
-    let mut hessian = ph.clone();
-    let mut metric = ph.clone();
-    // Gauss-Newton base
-    let mut gauss_newton = ph.clone();
-    problem.hessian(&start, super::problem::Multipliers { equalities: &vec![0.0; problem.equalities()], inequalities: &vec![0.0; problem.inequalities()] }, &mut gauss_newton);
-    let mut here = Iterate::new(problem, start);
-    let mut filter = Filter::new(here.violation());
-    let mut active: Option<Vec<bool>> = None;
-    let (mut qp_calls, mut factorisations) = (0, 0);
-    let mut damping = 1e-2f64;
-    let mut leapt = false;
-    for iteration in 0..settings.max_iterations {
-        let error = here.kkt_error();
-        if !here.is_finite() { return SqpOutcome { status: SqpStatus::NonFinite, iterate: here, iterations: iteration, qp_calls, factorisations } }
-        if iteration > 0 && error.largest() <= settings.tolerance {
-            return SqpOutcome { status: SqpStatus::Converged, iterate: here, iterations: iteration, qp_calls, factorisations };
+const FIRST_DAMPING: f64 = 1e-2;
+/// Δ of the proximal term in Clarabel's sub-problem.
+const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e1);
+const LOWER: f64 = 0.2;
+const RAISE: f64 = 10.0;
+const ATTEMPTS: usize = 12;
+const SMALLEST_FRACTION: f64 = 0.05;
+const CORRECTIONS: usize = 4;
+const LARGEST_LEAP: f64 = 300.0;
+const RESTORATIONS: usize = 60;
+
+/// A trial point that was accepted.
+struct Accepted {
+    trial: Iterate,
+    fraction: f64,
+    verdict: Verdict,
+}
+
+struct Sqp<'p> {
+    problem: &'p dyn Problem,
+    settings: SqpSettings,
+    kkt: Kkt,
+    hessian: Sparse,
+    metric: Sparse,
+    /// JᵀJ
+    gauss_newton: Sparse,
+    filter: Filter,
+    here: Iterate,
+    active: Option<Vec<bool>>,
+    /// δ
+    damping: f64,
+    leapt: bool,
+    factorisations: usize,
+}
+
+/// Solves `problem` from `start`. Deterministic, one thread.
+pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> SqpOutcome {
+    let [equalities, inequalities, pattern] = problem.patterns();
+    let mut gauss_newton = pattern.clone();
+    let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
+    problem.hessian(&start, Multipliers { equalities: &no_lambda, inequalities: &no_nu }, &mut gauss_newton);
+    let here = Iterate::new(problem, start);
+    let solver = Sqp {
+        problem,
+        settings,
+        kkt: Kkt::new(pattern, equalities, inequalities, problem.stages()),
+        hessian: pattern.clone(),
+        metric: pattern.clone(),
+        gauss_newton,
+        filter: Filter::new(here.violation()),
+        here,
+        active: None,
+        damping: FIRST_DAMPING,
+        leapt: false,
+        factorisations: 0,
+    };
+    solver.run()
+}
+
+impl Sqp<'_> {
+    fn run(mut self) -> SqpOutcome {
+        let mut trace = Vec::new();
+        let status = loop {
+            let error = self.here.kkt_error();
+            trace.push(Record {
+                x: self.here.x.clone(),
+                objective: self.here.objective,
+                error,
+                step_norm: 0.0,
+                qp_iterations: 0,
+            });
+            if let Some(status) = self.is_over(error, trace.len() - 1) {
+                break status;
+            }
+            let record = trace.last_mut().expect("just pushed");
+            if let Err(status) = self.iterate(error, record) {
+                break status;
+            }
+        };
+        SqpOutcome { status, iterate: self.here, trace, factorisations: self.factorisations }
+    }
+
+    fn is_over(&self, error: KktError, iteration: usize) -> Option<SqpStatus> {
+        if !self.here.is_finite() || error.largest().is_nan() {
+            Some(SqpStatus::NonFinite)
+        } else if error.largest() <= self.settings.tolerance {
+            Some(SqpStatus::Converged)
+        } else if iteration >= self.settings.max_iterations {
+            Some(SqpStatus::IterationLimit)
+        } else if self.settings.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            Some(SqpStatus::TimeLimit)
+        } else {
+            None
         }
-        problem.hessian(&here.x, here.multipliers(), &mut hessian);
-        problem.metric(&here.x, &mut metric);
-        let mut accepted = None;
-        let mut log = String::new();
-        let mut leap_now = false;
-        for attempt in 0..14 {
-            // step
-            let mut used = damping;
-            let mut step = None;
-            if let Some(guess) = &active {
-                match active_set::solve(&mut kkt, &here, &hessian, &metric, &mut used, guess) {
-                    Ok(s) => { factorisations += s.factorisations; log += &format!(" pdas{}", s.factorisations); step = Some(s) }
-                    Err(e) => { log += &format!(" {e:?}"); }
+    }
+
+    /// One step from `here` to the next point.
+    fn iterate(&mut self, error: KktError, record: &mut Record) -> Result<(), SqpStatus> {
+        self.problem.hessian(&self.here.x, self.here.multipliers(), &mut self.hessian);
+        self.problem.metric(&self.here.x, &mut self.metric);
+        let before = (self.here.violation(), self.here.objective);
+        for attempt in 0..ATTEMPTS {
+            let mut damping = self.damping;
+            let step = match self.sub_problem(&mut damping) {
+                Ok(step) => step,
+                Err(QpFailure::Infeasible) => break,
+                Err(QpFailure::Numerical) if attempt + 1 == ATTEMPTS => return Err(SqpStatus::QpFailed),
+                Err(QpFailure::Numerical) => {
+                    self.damping = RAISE * damping.max(1e-6);
+                    self.active = None;
+                    continue;
+                }
+            };
+            record.qp_iterations += step.qp_iterations;
+            let Some(mut accepted) = self.search(&step, damping, error) else {
+                self.damping = (RAISE * damping).max(1e-10);
+                continue;
+            };
+            let leaps = accepted.fraction == 1.0
+                && step.is_settled()
+                && damping <= 1e-5
+                && error.largest() < 0.1
+                && !self.leapt;
+            self.leapt = leaps && self.leap(&step, &mut accepted.trial);
+            if accepted.verdict == Verdict::Progress {
+                self.filter.add(before);
+            }
+            let full = accepted.fraction == 1.0 && attempt == 0;
+            self.damping = if full { (LOWER * damping).max(SMALLEST_DAMPING) } else { damping };
+            self.take(step, accepted, record);
+            return Ok(());
+        }
+        self.restore(record)
+    }
+
+    /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
+    fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
+        if let Some(guess) = &self.active {
+            let found =
+                active_set::solve(&mut self.kkt, &self.here, &self.hessian, &self.metric, damping, guess);
+            if let Ok(step) = found {
+                self.factorisations += step.factorisations;
+                return Ok(step);
+            }
+        }
+        let mut hessian = self.gauss_newton.clone();
+        let delta = damping.clamp(CONVEX_DAMPING.0, CONVEX_DAMPING.1);
+        hessian.values.iter_mut().zip(&self.metric.values).for_each(|(h, d)| *h += delta * d);
+        let solution = QuadraticProgramme {
+            hessian: &hessian,
+            gradient: &self.here.gradient,
+            equalities: &self.here.equality_jacobian,
+            equality_values: &self.here.equalities,
+            inequalities: &self.here.inequality_jacobian,
+            inequality_values: &self.here.inequalities,
+        }
+        .solve()?;
+        let mut slack = self.here.inequalities.clone();
+        self.here.inequality_jacobian.add_product(1.0, &solution.step, &mut slack);
+        Ok(Step {
+            active: slack.iter().zip(&solution.inequalities).map(|(slack, nu)| slack < nu).collect(),
+            direction: solution.step,
+            equality_multipliers: solution.equalities,
+            inequality_multipliers: solution.inequalities,
+            qp_iterations: solution.iterations,
+            factorisations: 0,
+        })
+    }
+
+    /// Backtracks along the step until the filter accepts.
+    fn search(&mut self, step: &Step, damping: f64, error: KktError) -> Option<Accepted> {
+        let slope: f64 = self.here.gradient.iter().zip(&step.direction).map(|(g, d)| g * d).sum();
+        let before = (self.here.violation(), self.here.objective);
+        let mut fraction = 1.0;
+        while fraction > SMALLEST_FRACTION {
+            let mut trial = self.at(&step.direction, fraction);
+            let mut verdict = self.filter.judge(before, slope, fraction, (trial.violation(), trial.objective));
+            if fraction == 1.0 && verdict == Verdict::Rejected && trial.is_finite() {
+                if self.lowers_the_error(&trial, step, error) {
+                    verdict = Verdict::Progress;
+                } else if let Some(corrected) = self.correct(step, damping, &trial, before, slope) {
+                    (trial, verdict) = corrected;
                 }
             }
-            let step = match step { Some(s) => s, None => {
-                qp_calls += 1;
-                match convex(problem, &here, &gauss_newton, used.max(1e-2).min(10.0), &metric) {
-                    Ok(s) => { log += &format!(" qp{}", s.qp_iterations); s },
-                    Err(e) => { if settings.verbose { println!("qp failed {e:?}"); } return SqpOutcome { status: SqpStatus::QpFailed, iterate: here, iterations: iteration, qp_calls, factorisations } }
-                }
-            }};
-            let slope: f64 = here.gradient.iter().zip(&step.direction).map(|(g, d)| g * d).sum();
-            let h = (here.violation(), here.objective);
-            let mut alpha = 1.0;
-            let mut found = None;
-            while alpha > 0.05 {
-                let mut trial = here.clone();
-                for (x, d) in trial.x.iter_mut().zip(&step.direction) { *x += alpha * d; }
-                trial.evaluate(problem);
-                let mut verdict = filter.judge(h, slope, alpha, (trial.violation(), trial.objective));
-                if alpha == 1.0 && verdict == Verdict::Rejected && trial.is_finite() {
-                    // kkt error acceptance
-                    let mut full = trial.clone();
-                    full.equality_multipliers = step.equality_multipliers.clone();
-                    full.inequality_multipliers = step.inequality_multipliers.clone();
-                    full.differentiate(problem);
-                    if full.kkt_error().largest() < 0.7 * error.largest() && error.largest() < 1e-2 { verdict = Verdict::Progress; log += " K"; }
-                    else {
-                        // SOC
-                        let mut direction = step.direction.clone();
-                        let ok = kkt.factorise(&KktValues { hessian: &hessian, metric: &metric, damping: used, equalities: &here.equality_jacobian, inequalities: &here.inequality_jacobian, active: &step.active }).is_some();
-                        factorisations += 1;
-                        if ok {
-                            let n = here.x.len(); let me = here.equalities.len();
-                            let mut last = trial.violation();
-                            for _ in 0..4 {
-                                let mut right = vec![0.0; kkt.order()];
-                                for i in 0..me { right[n + i] = -trial.equalities[i]; }
-                                for i in 0..step.active.len() { right[n + me + i] = -trial.inequalities[i]; }
-                                let mut sol = vec![0.0; kkt.order()];
-                                kkt.solve(&right, &mut sol);
-                                for i in 0..n { direction[i] += sol[i]; trial.x[i] = here.x[i] + direction[i]; }
-                                trial.evaluate(problem);
-                                verdict = filter.judge(h, slope, 1.0, (trial.violation(), trial.objective));
-                                if verdict != Verdict::Rejected { log += " S"; break; }
-                                if trial.violation() > 0.5 * last { break; }
-                                last = trial.violation();
-                            }
-                        }
-                    }
-                }
-                if verdict != Verdict::Rejected { found = Some((alpha, trial, verdict)); break; }
-                alpha *= 0.5;
+            if verdict != Verdict::Rejected {
+                return Some(Accepted { trial, fraction, verdict });
             }
-            match found {
-                Some((alpha, mut trial, verdict)) => {
-                    if alpha == 1.0 && step.factorisations == 1 && used <= 1e-5 && error.largest() < 1e-1 && !leapt {
-                        let mut m = 4.0;
-                        while m < 300.0 {
-                            let mut far = trial.clone();
-                            let mut direction: Vec<f64> = step.direction.iter().map(|d| m * d).collect();
-                            let n = here.x.len(); let me = here.equalities.len();
-                            for i in 0..n { far.x[i] = here.x[i] + direction[i]; }
-                            far.evaluate(problem);
-                            for _ in 0..2 {
-                                let mut right = vec![0.0; kkt.order()];
-                                for i in 0..me { right[n + i] = -far.equalities[i]; }
-                                for i in 0..step.active.len() { right[n + me + i] = -far.inequalities[i]; }
-                                let mut sol = vec![0.0; kkt.order()];
-                                kkt.solve(&right, &mut sol);
-                                for i in 0..n { direction[i] += sol[i]; far.x[i] = here.x[i] + direction[i]; }
-                                far.evaluate(problem);
-                            }
-                            if far.is_finite() && far.objective < trial.objective - 1e-14 * h.1.abs() && far.violation() <= trial.violation() { trial = far; log += " X"; leap_now = true; m *= 4.0; } else { break; }
-                        }
-                    }
-                    if verdict == Verdict::Progress { filter.add(h); }
-                    damping = if alpha >= 1.0 && attempt == 0 { if used > damping { used / 3.0 } else { damping / 5.0 } } else { used };
-                    if damping < 1e-13 { damping = 1e-13 }
-                    accepted = Some((alpha, trial, step));
+            fraction *= 0.5;
+        }
+        None
+    }
+
+    /// `here + fraction · direction`, functions evaluated.
+    fn at(&self, direction: &[f64], fraction: f64) -> Iterate {
+        let mut trial = self.here.clone();
+        trial.x.iter_mut().zip(direction).for_each(|(x, d)| *x += fraction * d);
+        trial.evaluate(self.problem);
+        trial
+    }
+
+    /// Near a solution f and θ are only noise: a full step that lowers the KKT error is taken.
+    fn lowers_the_error(&self, trial: &Iterate, step: &Step, error: KktError) -> bool {
+        if error.largest() >= 1e-2 {
+            return false;
+        }
+        let mut full = trial.clone();
+        full.equality_multipliers.copy_from_slice(&step.equality_multipliers);
+        full.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
+        full.differentiate(self.problem);
+        full.kkt_error().largest() < 0.7 * error.largest()
+    }
+
+    /// Second-order correction: up to four more Newton steps on the constraints at their new values, the active
+    /// ones kept, until the filter accepts or the violation no longer halves.
+    fn correct(
+        &mut self,
+        step: &Step,
+        damping: f64,
+        trial: &Iterate,
+        before: (f64, f64),
+        slope: f64,
+    ) -> Option<(Iterate, Verdict)> {
+        self.kkt.factorise(&KktValues {
+            hessian: &self.hessian,
+            metric: &self.metric,
+            damping,
+            equalities: &self.here.equality_jacobian,
+            inequalities: &self.here.inequality_jacobian,
+            active: &step.active,
+        })?;
+        self.factorisations += 1;
+        let mut trial = trial.clone();
+        let mut last = trial.violation();
+        for _ in 0..CORRECTIONS {
+            self.reduce_violation(&mut trial);
+            let verdict = self.filter.judge(before, slope, 1.0, (trial.violation(), trial.objective));
+            if verdict != Verdict::Rejected {
+                return Some((trial, verdict));
+            }
+            if trial.violation() > 0.5 * last {
+                return None;
+            }
+            last = trial.violation();
+        }
+        None
+    }
+
+    /// One step on the constraints of `trial` with the factorisation at hand.
+    fn reduce_violation(&mut self, trial: &mut Iterate) {
+        let (n, me) = (trial.x.len(), trial.equalities.len());
+        let mut right = vec![0.0; self.kkt.order()];
+        right[n..n + me].iter_mut().zip(&trial.equalities).for_each(|(r, c)| *r = -c);
+        right[n + me..].iter_mut().zip(&trial.inequalities).for_each(|(r, d)| *r = -d);
+        let mut solution = vec![0.0; self.kkt.order()];
+        self.kkt.solve(&right, &mut solution);
+        trial.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
+        trial.evaluate(self.problem);
+    }
+
+    /// Tries multiples of a settled step; see the module. Whether `trial` was moved.
+    fn leap(&mut self, step: &Step, trial: &mut Iterate) -> bool {
+        let mut moved = false;
+        let mut multiple = 4.0;
+        while multiple < LARGEST_LEAP {
+            let mut far = self.at(&step.direction, multiple);
+            self.reduce_violation(&mut far);
+            self.reduce_violation(&mut far);
+            let lower = far.objective < trial.objective - 1e-14 * self.here.objective.abs();
+            if !(far.is_finite() && lower && far.violation() <= trial.violation()) {
+                break;
+            }
+            *trial = far;
+            moved = true;
+            multiple *= 4.0;
+        }
+        moved
+    }
+
+    /// Moves to the accepted point.
+    fn take(&mut self, step: Step, accepted: Accepted, record: &mut Record) {
+        let Accepted { mut trial, fraction, .. } = accepted;
+        record.step_norm = distance(&self.here.x, &trial.x);
+        let blend = |old: &mut f64, new: &f64| *old += fraction * (new - *old);
+        trial.equality_multipliers.iter_mut().zip(&step.equality_multipliers).for_each(|(o, n)| blend(o, n));
+        trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers).for_each(|(o, n)| blend(o, n));
+        trial.differentiate(self.problem);
+        self.here = trial;
+        self.active = Some(step.active);
+    }
+
+    /// Feasibility phase: lowers ½‖c‖² by Levenberg–Marquardt steps that keep the linearised inequalities, until the filter
+    /// accepts the point. Ends as `Infeasible` at a stationary point of ½‖c‖² and as `Stalled` where it does not move.
+    fn restore(&mut self, record: &mut Record) -> Result<(), SqpStatus> {
+        let start = self.here.clone();
+        let goal = 0.5 * start.violation();
+        let mut damping = 1e-4;
+        let zero = Sparse::from_triplets(0, start.x.len(), &[]);
+        for _ in 0..RESTORATIONS {
+            if self.here.violation() <= goal {
+                break;
+            }
+            let mut gradient = vec![0.0; start.x.len()];
+            self.here.equality_jacobian.add_transpose_product(1.0, &self.here.equalities, &mut gradient);
+            let slope = gradient.iter().fold(0.0f64, |a, g| a.max(g.abs()));
+            let size = self.here.equalities.iter().fold(0.0f64, |a, c| a.max(c.abs()));
+            if slope <= 1e-7 * size && size > 1e3 * self.settings.tolerance {
+                return Err(SqpStatus::Infeasible);
+            }
+            let mut rows: Vec<(usize, usize, f64)> = Vec::new();
+            let gram = self.here.equality_jacobian.gram();
+            rows.extend(gram.entries().map(|(i, j, slot)| (i, j, gram.values[slot])));
+            rows.extend(self.metric.entries().map(|(i, j, slot)| (i, j, damping * self.metric.values[slot])));
+            rows.extend((0..start.x.len()).map(|i| (i, i, 1e-8)));
+            let step = QuadraticProgramme {
+                hessian: &Sparse::from_triplets(start.x.len(), start.x.len(), &rows),
+                gradient: &gradient,
+                equalities: &zero,
+                equality_values: &[],
+                inequalities: &self.here.inequality_jacobian,
+                inequality_values: &self.here.inequalities,
+            }
+            .solve();
+            let Ok(step) = step else { return Err(SqpStatus::QpFailed) };
+            record.qp_iterations += step.iterations;
+            let trial = self.at(&step.step, 1.0);
+            if trial.is_finite() && trial.violation() < self.here.violation() {
+                self.here = trial;
+                self.here.differentiate(self.problem);
+                self.problem.metric(&self.here.x, &mut self.metric);
+                damping = (0.3 * damping).max(1e-10);
+            } else {
+                damping *= 10.0;
+                if damping > 1e8 {
                     break;
                 }
-                None => { damping = (used * 20.0).max(1e-10); }
             }
         }
-        if settings.verbose {
-            let nact = active.as_ref().map_or(0, |a| a.iter().filter(|x| **x).count());
-            println!("{iteration:3} f {:.8} theta {:.2e} stat {:.1e} feas {:.1e} comp {:.1e} act {nact} damp {damping:.1e} alpha {:?} {log} {}", here.objective, here.violation(), error.stationarity, error.feasibility, error.complementarity, accepted.as_ref().map(|a| a.0), accepted.as_ref().map_or(String::new(), |a| { let (i, d) = a.2.direction.iter().enumerate().max_by(|x, y| x.1.abs().total_cmp(&y.1.abs())).unwrap(); format!("x{i} {d:.1e}") }));
+        record.step_norm = distance(&start.x, &self.here.x);
+        if self.here.violation() > goal {
+            return Err(SqpStatus::Stalled);
         }
-        let Some((alpha, mut trial, step)) = accepted else {
-            return SqpOutcome { status: SqpStatus::Stalled, iterate: here, iterations: iteration, qp_calls, factorisations };
-        };
-        for (l, s) in trial.equality_multipliers.iter_mut().zip(&step.equality_multipliers) { *l += alpha.min(1.0) * (s - *l); }
-        for (l, s) in trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers) { *l += alpha.min(1.0) * (s - *l); }
-        trial.differentiate(problem);
-        here = trial;
-        active = Some(step.active);
-        leapt = leap_now;
+        self.filter.add((start.violation(), start.objective));
+        self.here.equality_multipliers.fill(0.0);
+        self.here.inequality_multipliers.fill(0.0);
+        self.active = None;
+        self.damping = FIRST_DAMPING;
+        Ok(())
     }
-    SqpOutcome { status: SqpStatus::IterationLimit, iterate: here, iterations: settings.max_iterations, qp_calls, factorisations }
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f64>().sqrt()
 }

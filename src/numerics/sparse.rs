@@ -99,12 +99,16 @@ impl Sparse {
 
     /// `out += scale · S · x` for the symmetric S of which `self` holds the upper triangle.
     pub fn add_symmetric_product(&self, scale: f64, x: &[f64], out: &mut [f64]) {
-        for (row, column, slot) in self.entries() {
-            let value = scale * self.values[slot];
-            out[row] += value * x[column];
-            if row != column {
-                out[column] += value * x[row];
+        for column in 0..self.columns {
+            let (factor, mut sum) = (scale * x[column], 0.0);
+            for slot in self.column_start[column]..self.column_start[column + 1] {
+                let (row, value) = (self.row_index[slot], self.values[slot]);
+                out[row] += value * factor;
+                if row != column {
+                    sum += value * x[row];
+                }
             }
+            out[column] += scale * sum;
         }
     }
 

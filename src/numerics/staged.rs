@@ -109,86 +109,109 @@ impl StagedLdl {
         self.pivots.clear();
         self.rows.clear();
         self.multipliers.clear();
-        let mut inertia = Inertia { positive: 0, negative: 0 };
         let mut delayed: Vec<usize> = Vec::new();
         let mut index: Vec<usize> = Vec::new();
+        let mut place: Vec<usize> = Vec::new();
+        let mut coupled: Vec<bool> = Vec::new();
         let last = self.stages.len().saturating_sub(1);
         for s in 0..self.stages.len() {
             let stage = &self.stages[s];
-            let (nd, old) = (delayed.len(), delayed.len() + stage.carry.len());
+            let nd = delayed.len();
+            let old = nd + stage.carry.len();
+            // Own unknowns that nothing couples now (inequalities that are not active) stay out of the front.
+            coupled.clear();
+            coupled.resize(stage.own.len() + stage.border.len(), false);
+            coupled[stage.own.len()..].fill(true);
+            stage.carry.iter().for_each(|&i| coupled[i] = true);
+            for &(i, j, slot) in &stage.entries {
+                if i != j && values[slot] != 0.0 {
+                    coupled[i] = true;
+                    coupled[j] = true;
+                }
+            }
             index.clear();
-            index.extend(delayed.iter().chain(&stage.own).chain(&stage.border));
+            index.extend_from_slice(&delayed);
+            place.clear();
+            for (&i, &coupled) in stage.own.iter().chain(&stage.border).zip(&coupled) {
+                place.push(if coupled { index.len() } else { usize::MAX });
+                if coupled {
+                    index.push(i);
+                }
+            }
             let n = index.len();
+            let summed = n - stage.border.len();
             self.front.clear();
             self.front.resize(n * n, 0.0);
             let front = &mut self.front;
-            let to = |k: usize| if k < nd { k } else { nd + stage.carry[k - nd] };
+            let to = |k: usize| if k < nd { k } else { place[stage.carry[k - nd]] };
             for i in 0..old {
-                for j in 0..old {
-                    front[to(i) * n + to(j)] = self.carried[i * old + j];
+                for j in i..old {
+                    let (row, column) = (to(i).min(to(j)), to(i).max(to(j)));
+                    front[row * n + column] = self.carried[i * old + j];
                 }
             }
             for &(i, j, slot) in &stage.entries {
-                let (i, j) = (nd + i, nd + j);
-                front[i * n + j] += values[slot];
-                if i != j {
-                    front[j * n + i] += values[slot];
+                let (row, column) = (place[i].min(place[j]), place[i].max(place[j]));
+                if row == usize::MAX {
+                    let inverse = [1.0 / values[slot], 0.0, 0.0];
+                    self.pivots.push(Pivot { first: stage.own[i], second: None, inverse, end: self.rows.len() });
+                } else if column != usize::MAX {
+                    front[row * n + column] += values[slot];
                 }
             }
-            let summed = nd + stage.own.len();
             let mut k = 0;
             while k < summed {
-                match find_pivot(front, n, k, summed) {
-                    Some((c, None)) => {
-                        swap(front, &mut index, n, k, c);
-                        k += 1;
-                    }
-                    Some((c, Some(r))) => {
-                        swap(front, &mut index, n, k, c);
-                        swap(front, &mut index, n, k + 1, if r == k { c } else { r });
-                        k += 2;
-                        eliminate_two(front, n, k - 2, &index, &mut self.rows, &mut self.multipliers, &mut self.pivots);
-                        let determinant_sign = self.pivots.last().map(|p| p.inverse[0] * p.inverse[2] - p.inverse[1] * p.inverse[1])?;
-                        if determinant_sign.is_nan() {
-                            return None;
-                        } else if determinant_sign < 0.0 {
-                            inertia.positive += 1;
-                            inertia.negative += 1;
-                        } else if self.pivots.last()?.inverse[0] > 0.0 {
-                            inertia.positive += 2;
-                        } else {
-                            inertia.negative += 2;
-                        }
-                        continue;
-                    }
+                let (c, partner) = match find_pivot(front, n, k, summed) {
+                    Some(pivot) => pivot,
                     None if s < last => break,
+                    // Nothing is left to delay to: the largest diagonal entry, however small.
                     None => {
-                        // Nothing is left to delay to: the largest diagonal entry, however small.
-                        let c = (k..summed).max_by(|&a, &b| {
-                            front[a * n + a].abs().total_cmp(&front[b * n + b].abs())
-                        })?;
-                        swap(front, &mut index, n, k, c);
+                        let size = |i: usize| front[i * n + i].abs();
+                        ((k..summed).max_by(|&a, &b| size(a).total_cmp(&size(b)))?, None)
+                    }
+                };
+                swap(front, &mut index, n, k, c);
+                let (store, pivots) = ((&mut self.rows, &mut self.multipliers), &mut self.pivots);
+                match partner {
+                    None => {
+                        eliminate_one(front, n, k, &index, store, pivots);
                         k += 1;
                     }
-                }
-                eliminate_one(front, n, k - 1, &index, &mut self.rows, &mut self.multipliers, &mut self.pivots);
-                let inverse = self.pivots.last()?.inverse[0];
-                if inverse.is_nan() {
-                    return None;
-                } else if inverse > 0.0 {
-                    inertia.positive += 1;
-                } else if inverse < 0.0 {
-                    inertia.negative += 1;
+                    Some(r) => {
+                        swap(front, &mut index, n, k + 1, if r == k { c } else { r });
+                        eliminate_two(front, n, k, &index, store, pivots);
+                        k += 2;
+                    }
                 }
             }
-            let rest = n - k;
             self.carried.clear();
             for i in k..n {
                 self.carried.extend_from_slice(&front[i * n + k..(i + 1) * n]);
             }
-            debug_assert_eq!(self.carried.len(), rest * rest);
             delayed.clear();
             delayed.extend_from_slice(&index[k..summed]);
+        }
+        self.inertia()
+    }
+
+    /// Signs of the eigenvalues, from those of the pivots.
+    fn inertia(&self) -> Option<Inertia> {
+        let mut inertia = Inertia { positive: 0, negative: 0 };
+        for pivot in &self.pivots {
+            let [p, q, r] = pivot.inverse;
+            let determinant = p * r - q * q;
+            match pivot.second {
+                _ if !p.is_finite() || !determinant.is_finite() => return None,
+                None if p > 0.0 => inertia.positive += 1,
+                None if p < 0.0 => inertia.negative += 1,
+                None => {}
+                Some(_) if determinant < 0.0 => {
+                    inertia.positive += 1;
+                    inertia.negative += 1;
+                }
+                Some(_) if p > 0.0 => inertia.positive += 2,
+                Some(_) => inertia.negative += 2,
+            }
         }
         self.multipliers.iter().flatten().all(|l| l.is_finite()).then_some(inertia)
     }
@@ -223,37 +246,39 @@ impl StagedLdl {
     }
 }
 
+/// Entry (i, j) of the front, of which the upper triangle is kept.
+fn entry(front: &[f64], n: usize, i: usize, j: usize) -> f64 {
+    front[i.min(j) * n + i.max(j)]
+}
+
+/// Largest entry of row `c` among columns k … n but `c` and `but`; and, if among k … summed, where.
+fn largest(front: &[f64], n: usize, k: usize, summed: usize, c: usize, but: usize) -> (f64, Option<usize>) {
+    let (mut size, mut partner, mut partner_size) = (0.0f64, None, 0.0f64);
+    let mut see = |j: usize, value: f64| {
+        if j != but {
+            size = size.max(value.abs());
+            if j < summed && value.abs() > partner_size {
+                (partner, partner_size) = (Some(j), value.abs());
+            }
+        }
+    };
+    (k..c).for_each(|j| see(j, front[j * n + c]));
+    front[c * n + c + 1..(c + 1) * n].iter().enumerate().for_each(|(offset, &value)| see(c + 1 + offset, value));
+    (size, partner)
+}
+
 /// The next acceptable pivot among rows k … summed: one row, or two.
 fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize, Option<usize>)> {
     for c in k..summed {
-        let row = &front[c * n..(c + 1) * n];
-        let (mut largest, mut partner, mut partner_size) = (0.0f64, c, 0.0f64);
-        for (j, value) in row.iter().enumerate().skip(k) {
-            if j != c {
-                let size = value.abs();
-                largest = largest.max(size);
-                if j < summed && size > partner_size {
-                    (partner, partner_size) = (j, size);
-                }
-            }
-        }
-        let own = row[c].abs();
-        if own > 0.0 && own >= THRESHOLD * largest {
+        let (size, partner) = largest(front, n, k, summed, c, c);
+        let a = front[c * n + c];
+        if a != 0.0 && a.abs() >= THRESHOLD * size {
             return Some((c, None));
         }
-        if partner == c {
-            continue;
-        }
-        let r = partner;
-        let other = &front[r * n..(r + 1) * n];
-        let (mut rest_c, mut rest_r) = (0.0f64, 0.0f64);
-        for j in k..n {
-            if j != c && j != r {
-                rest_c = rest_c.max(row[j].abs());
-                rest_r = rest_r.max(other[j].abs());
-            }
-        }
-        let (a, b, d) = (row[c], row[r], other[r]);
+        let Some(r) = partner else { continue };
+        let (rest_c, _) = largest(front, n, k, summed, c, r);
+        let (rest_r, _) = largest(front, n, k, summed, r, c);
+        let (b, d) = (entry(front, n, c, r), front[r * n + r]);
         let determinant = (a * d - b * b).abs();
         let growth = (d.abs() * rest_c + b.abs() * rest_r).max(b.abs() * rest_c + a.abs() * rest_r);
         if determinant > 0.0 && growth * THRESHOLD <= determinant {
@@ -263,66 +288,54 @@ fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize
     None
 }
 
+/// Exchanges rows and columns i and j ≥ i.
 fn swap(front: &mut [f64], index: &mut [usize], n: usize, i: usize, j: usize) {
     if i == j {
         return;
     }
     index.swap(i, j);
-    for column in 0..n {
-        front.swap(i * n + column, j * n + column);
-    }
-    for row in 0..n {
-        front.swap(row * n + i, row * n + j);
-    }
+    (0..i).for_each(|r| front.swap(r * n + i, r * n + j));
+    front.swap(i * n + i, j * n + j);
+    (i + 1..j).for_each(|r| front.swap(i * n + r, r * n + j));
+    (j + 1..n).for_each(|c| front.swap(i * n + c, j * n + c));
 }
 
-fn eliminate_one(
-    front: &mut [f64],
-    n: usize,
-    k: usize,
-    index: &[usize],
-    rows: &mut Vec<usize>,
-    multipliers: &mut Vec<[f64; 2]>,
-    pivots: &mut Vec<Pivot>,
-) {
+type Store<'a> = (&'a mut Vec<usize>, &'a mut Vec<[f64; 2]>);
+
+fn eliminate_one(front: &mut [f64], n: usize, k: usize, index: &[usize], store: Store<'_>, pivots: &mut Vec<Pivot>) {
+    let (rows, multipliers) = store;
     let d = front[k * n + k];
     // A zero pivot in a zero column: the unknown is left at zero.
     let inverse = if d == 0.0 { 0.0 } else { 1.0 / d };
     let (head, tail) = front.split_at_mut((k + 1) * n);
-    let pivot_row = &head[k * n + k + 1..];
+    let pivot_row = &head[k * n..];
     for (offset, row) in tail.chunks_exact_mut(n).enumerate() {
-        let l = row[k] * inverse;
+        let i = k + 1 + offset;
+        let l = pivot_row[i] * inverse;
         if l != 0.0 {
-            rows.push(index[k + 1 + offset]);
+            rows.push(index[i]);
             multipliers.push([l, 0.0]);
-            row[k + 1..].iter_mut().zip(pivot_row).for_each(|(x, p)| *x -= l * p);
+            row[i..].iter_mut().zip(&pivot_row[i..]).for_each(|(x, p)| *x -= l * p);
         }
     }
     pivots.push(Pivot { first: index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
 }
 
-fn eliminate_two(
-    front: &mut [f64],
-    n: usize,
-    k: usize,
-    index: &[usize],
-    rows: &mut Vec<usize>,
-    multipliers: &mut Vec<[f64; 2]>,
-    pivots: &mut Vec<Pivot>,
-) {
+fn eliminate_two(front: &mut [f64], n: usize, k: usize, index: &[usize], store: Store<'_>, pivots: &mut Vec<Pivot>) {
+    let (rows, multipliers) = store;
     let (a, b, d) = (front[k * n + k], front[k * n + k + 1], front[(k + 1) * n + k + 1]);
     let determinant = a * d - b * b;
     let inverse = [d / determinant, -b / determinant, a / determinant];
     let (head, tail) = front.split_at_mut((k + 2) * n);
     let (first, second) = head[k * n..].split_at(n);
-    let (first, second) = (&first[k + 2..], &second[k + 2..]);
     for (offset, row) in tail.chunks_exact_mut(n).enumerate() {
-        let (x, y) = (row[k], row[k + 1]);
+        let i = k + 2 + offset;
+        let (x, y) = (first[i], second[i]);
         if x != 0.0 || y != 0.0 {
             let (l, m) = (inverse[0] * x + inverse[1] * y, inverse[1] * x + inverse[2] * y);
-            rows.push(index[k + 2 + offset]);
+            rows.push(index[i]);
             multipliers.push([l, m]);
-            row[k + 2..].iter_mut().zip(first.iter().zip(second)).for_each(|(z, (p, q))| *z -= l * p + m * q);
+            row[i..].iter_mut().zip(first[i..].iter().zip(&second[i..])).for_each(|(z, (p, q))| *z -= l * p + m * q);
         }
     }
     pivots.push(Pivot { first: index[k], second: Some(index[k + 1]), inverse, end: rows.len() });

@@ -149,10 +149,10 @@ impl Midpoint {
         for m in 0..self.nm {
             row(self.state.basis(0.0, 0), &|k| self.activation_index(k, m), self.initial_index(Initial::Activation, m));
         }
+        // φ is a stage of its own; what follows the last full block belongs to its stage.
         let last = self.points.len() - 1;
-        let stages = (0..self.variables())
-            .map(|i| (i.saturating_sub(self.initial_values()) / self.block()).min(last))
-            .collect();
+        let stage = |i: usize| i.checked_sub(self.initial_values()).map_or(0, |i| 1 + (i / self.block()).min(last));
+        let stages = (0..self.variables()).map(stage).collect();
         Layout { times: self.points.clone(), variables: self.variables(), stages, points, initial }
     }
 
