@@ -4,4 +4,5 @@ pub mod model;
 pub mod motion;
 pub mod nlp;
 pub mod numerics;
+pub mod study;
 pub mod transcription;

@@ -1,0 +1,62 @@
+//! Puts active bounds exactly on their value and restores the equalities, so that a rank can be taken: iterates with
+//! a bound at 1e-9 instead of 0 miscount.
+
+use super::iterate::Iterate;
+use super::kkt::{Kkt, KktValues};
+use super::problem::Problem;
+
+/// A bound is active when its slack is at most this, by value; weakly active bounds included.
+pub const ACTIVE: f64 = 1e-8;
+const EXACT: f64 = 1e-13;
+const STEPS: usize = 8;
+
+/// Which inequalities are active at `values` = d(x).
+pub fn active(values: &[f64]) -> Vec<bool> {
+    values.iter().map(|&slack| slack <= ACTIVE).collect()
+}
+
+/// The point next to `x` (least change) where `c = 0` and the `active` rows of d vanish, to 1e-13.
+///
+/// `None` if Newton's method on them does not get there.
+pub fn polish(problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f64>> {
+    let [equalities, inequalities, pattern] = problem.patterns();
+    let mut kkt = Kkt::new(pattern, equalities, inequalities, problem.stages());
+    let mut identity = pattern.clone();
+    for column in 0..identity.columns {
+        for slot in identity.column_start[column]..identity.column_start[column + 1] {
+            identity.values[slot] = if identity.row_index[slot] == column { 1.0 } else { 0.0 };
+        }
+    }
+    let mut here = Iterate::new(problem, x.to_vec());
+    let (n, me) = (x.len(), here.equalities.len());
+    let mut solution = vec![0.0; kkt.order()];
+    for _ in 0..STEPS {
+        let mut right = vec![0.0; kkt.order()];
+        right[n..n + me].iter_mut().zip(&here.equalities).for_each(|(r, c)| *r = -c);
+        for (row, &is_active) in active.iter().enumerate() {
+            if is_active {
+                right[n + me + row] = -here.inequalities[row];
+            }
+        }
+        let size = right.iter().fold(0.0f64, |a, r| a.max(r.abs()));
+        if size <= EXACT {
+            return Some(here.x);
+        }
+        kkt.factorise(&KktValues {
+            hessian: &identity,
+            metric: &identity,
+            damping: 0.0,
+            equalities: &here.equality_jacobian,
+            inequalities: &here.inequality_jacobian,
+            active,
+        })?;
+        kkt.solve(&right, &mut solution);
+        here.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
+        here.evaluate(problem);
+        here.differentiate(problem);
+        if !here.is_finite() {
+            return None;
+        }
+    }
+    None
+}

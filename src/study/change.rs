@@ -1,0 +1,165 @@
+//! Changes of a model's numbers by path: `muscle.triceps.tendon_slack_length`, or `…_scale` for a factor.
+
+use serde::{Deserialize, Serialize};
+
+use super::settings::{Complaint, Value, describe};
+use crate::error::nearest;
+use crate::model::Model;
+use crate::model::file::ModelFile;
+
+/// One change of a model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelChange {
+    pub path: String,
+    pub value: f64,
+}
+
+const GROUPS: [&str; 6] = ["body", "joint", "muscle", "force", "gravity", "curves"];
+
+/// Whether a name of a study addresses the model and not a setting.
+pub fn is_model_path(name: &str) -> bool {
+    GROUPS.contains(&name.split('.').next().unwrap_or(""))
+}
+
+impl ModelChange {
+    pub fn new(path: &str, value: &Value) -> Result<Self, Complaint> {
+        match value.number() {
+            Some(value) if value.is_finite() => Ok(Self { path: path.to_owned(), value }),
+            _ => Err(Complaint::new(format!("found {}", describe(value)), "a model's number must be a finite number")),
+        }
+    }
+
+    /// Changes the model file's table.
+    ///
+    /// # Errors
+    /// If the path leads to no number; the help says where it broke off and what is there.
+    pub fn apply(&self, table: &mut toml::Table) -> Result<(), Complaint> {
+        let keys: Vec<&str> = self.path.split('.').collect();
+        // force.<name>_scale scales force and moment together.
+        if let ["force", name] = keys[..]
+            && let Some(name) = name.strip_suffix("_scale")
+        {
+            for key in ["force", "moment"] {
+                let change = Self { path: format!("force.{name}.{key}_scale"), value: self.value };
+                match change.apply(table) {
+                    Err(_) if key == "moment" => {} // not in the file: zero
+                    other => other?,
+                }
+            }
+            return Ok(());
+        }
+        let mut place = toml::Value::Table(std::mem::take(table));
+        let result = self.walk(&mut place, &keys);
+        if let toml::Value::Table(changed) = place {
+            *table = changed;
+        }
+        result
+    }
+
+    fn walk(&self, place: &mut toml::Value, keys: &[&str]) -> Result<(), Complaint> {
+        let (key, rest) = keys.split_first().expect("split gives at least one key");
+        match place {
+            toml::Value::Table(table) => {
+                if rest.is_empty() {
+                    return self.set(table, key);
+                }
+                if table.contains_key(*key) {
+                    return self.walk(table.get_mut(*key).expect("just found"), rest);
+                }
+                Err(self.lost(key, table.keys().map(String::as_str)))
+            }
+            toml::Value::Array(items) => {
+                let named = items.iter().position(|item| item.get("name").and_then(toml::Value::as_str) == Some(key));
+                let index = named.or_else(|| key.parse().ok().filter(|&i| i < items.len()));
+                match index {
+                    Some(i) if !rest.is_empty() => self.walk(&mut items[i], rest),
+                    Some(i) if is_number(&items[i]) => {
+                        items[i] = toml::Value::Float(self.value);
+                        Ok(())
+                    }
+                    Some(_) => Err(Complaint::new(
+                        format!("`{}` is no number of the model", self.path),
+                        "go on with `.` and the key of a number",
+                    )),
+                    None => {
+                        let names: Vec<String> = items
+                            .iter()
+                            .enumerate()
+                            .map(|(i, item)| {
+                                item.get("name").and_then(toml::Value::as_str).map_or(i.to_string(), str::to_owned)
+                            })
+                            .collect();
+                        Err(self.lost(key, names.iter().map(String::as_str)))
+                    }
+                }
+            }
+            _ => Err(Complaint::new(format!("`{}` goes on after a number", self.path), "shorten the path")),
+        }
+    }
+
+    fn set(&self, table: &mut toml::Table, key: &str) -> Result<(), Complaint> {
+        if let Some(base) = key.strip_suffix("_scale")
+            && !table.contains_key(key)
+        {
+            let value = match table.get_mut(base) {
+                Some(value) => value,
+                None => return Err(self.lost(base, table.keys().map(String::as_str))),
+            };
+            return scale(value, self.value).ok_or_else(|| {
+                Complaint::new(format!("`{base}` is no number and cannot be scaled"), "scale numbers or lists of numbers")
+            });
+        }
+        match table.get(key) {
+            Some(value) if !is_number(value) => {
+                Err(Complaint::new(format!("`{}` is no number of the model", self.path), "only numbers can be changed"))
+            }
+            // A number left to its default in the file may be set; an unknown key fails when the model is checked.
+            _ => {
+                table.insert(key.to_owned(), toml::Value::Float(self.value));
+                Ok(())
+            }
+        }
+    }
+
+    fn lost<'a>(&self, key: &str, there: impl Iterator<Item = &'a str>) -> Complaint {
+        let there: Vec<&str> = there.collect();
+        let near = nearest(key, there.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
+        Complaint::new(
+            format!("`{}`: the model has no `{key}` there", self.path),
+            format!("{near}there is: {}", there.join(", ")),
+        )
+    }
+}
+
+fn is_number(value: &toml::Value) -> bool {
+    matches!(value, toml::Value::Float(_) | toml::Value::Integer(_))
+}
+
+fn scale(value: &mut toml::Value, factor: f64) -> Option<()> {
+    match value {
+        toml::Value::Float(number) => *number *= factor,
+        toml::Value::Integer(number) => *value = toml::Value::Float(*number as f64 * factor),
+        toml::Value::Array(items) => items.iter_mut().try_for_each(|item| scale(item, factor))?,
+        _ => return None,
+    }
+    Some(())
+}
+
+/// The model with these changes made.
+///
+/// # Errors
+/// The first change that leads nowhere, or what is wrong with the changed model.
+pub fn changed_model(table: &toml::Table, changes: &[ModelChange]) -> Result<(toml::Table, Model), Complaint> {
+    let mut table = table.clone();
+    for change in changes {
+        change.apply(&mut table)?;
+    }
+    let file: ModelFile = table
+        .clone()
+        .try_into()
+        .map_err(|e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file"))?;
+    let model = file
+        .check()
+        .map_err(|i| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default()))?;
+    Ok((table, model))
+}

@@ -1,0 +1,362 @@
+//! What a study may set, in `[base]` and in axes alike, beside the numbers of the model.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::nearest;
+use crate::transcription::collocation::BoundKind;
+
+/// A value of a study file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    Flag(bool),
+    Integer(i64),
+    Number(f64),
+    Text(String),
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Value::Flag(flag) => write!(f, "{flag}"),
+            Value::Integer(number) => write!(f, "{number}"),
+            Value::Number(number) => write!(f, "{number}"),
+            Value::Text(text) => write!(f, "{text}"),
+        }
+    }
+}
+
+impl Value {
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Value::Integer(number) => Some(*number as f64),
+            Value::Number(number) => Some(*number),
+            _ => None,
+        }
+    }
+}
+
+/// Why a value cannot be set, and what is allowed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Complaint {
+    pub message: String,
+    pub help: String,
+}
+
+impl Complaint {
+    pub fn new(message: impl Into<String>, help: impl Into<String>) -> Self {
+        Self { message: message.into(), help: help.into() }
+    }
+}
+
+macro_rules! choices {
+    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $text:literal),+ $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum $name { $($(#[$variant_doc])* $variant),+ }
+
+        impl $name {
+            pub const ALL: &'static [&'static str] = &[$($text),+];
+
+            pub fn parse(text: &str) -> Option<Self> {
+                match text { $($text => Some($name::$variant),)+ _ => None }
+            }
+
+            pub fn name(self) -> &'static str {
+                match self { $($name::$variant => $text),+ }
+            }
+        }
+    };
+}
+
+choices! {
+    /// How the continuous problem is transcribed.
+    Scheme {
+        /// The thesis' B-spline collocation: serves Table 1, and rings.
+        Midpoint = "midpoint",
+    }
+}
+
+choices! {
+    /// Which bounds are imposed at every collocation point.
+    Bounds {
+        None = "none",
+        Activation = "activation",
+        Excitation = "excitation",
+        Both = "both",
+        /// With the upper bound 1.
+        ActivationBoxed = "activation_boxed",
+        ExcitationBoxed = "excitation_boxed",
+        BothBoxed = "both_boxed",
+    }
+}
+
+choices! {
+    /// Where activation enters the objective.
+    LoadSharingGrid {
+        /// At the measured instants t̂ (Table 1, first block).
+        Measurement = "measurement",
+        /// At the collocation points t (Table 1, second block).
+        Collocation = "collocation",
+    }
+}
+
+choices! {
+    /// When ranks are taken.
+    RegularityMode {
+        EveryIteration = "every_iteration",
+        Optimum = "optimum",
+        Off = "off",
+    }
+}
+
+impl Bounds {
+    /// The inequalities to impose: what the user asked for, and `f_m ≥ 0` where `a ≥ 0` is not among it.
+    pub fn kinds(self) -> Vec<BoundKind> {
+        let mut kinds = match self {
+            Bounds::None => vec![],
+            Bounds::Activation => vec![BoundKind::Activation],
+            Bounds::Excitation => vec![BoundKind::Excitation],
+            Bounds::Both => vec![BoundKind::Activation, BoundKind::Excitation],
+            Bounds::ActivationBoxed => vec![BoundKind::Activation, BoundKind::ActivationUpper],
+            Bounds::ExcitationBoxed => vec![BoundKind::Excitation, BoundKind::ExcitationUpper],
+            Bounds::BothBoxed => vec![
+                BoundKind::Activation,
+                BoundKind::Excitation,
+                BoundKind::ActivationUpper,
+                BoundKind::ExcitationUpper,
+            ],
+        };
+        if !kinds.contains(&BoundKind::Activation) {
+            kinds.push(BoundKind::Force);
+        }
+        kinds
+    }
+}
+
+/// All settings of a job.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Load-sharing parameter μ of eq. (26).
+    pub mu: f64,
+    /// Distance of collocation points, s.
+    pub h: f64,
+    pub scheme: Scheme,
+    pub bounds: Bounds,
+    pub load_sharing_grid: LoadSharingGrid,
+    /// Measured instants per collocation interval.
+    pub measurement_ratio: usize,
+    /// Standard deviation of noise on measured body coordinates, m and rad.
+    pub noise_sd: f64,
+    /// Low-pass cut-off for the motion, Hz; 0 for none.
+    pub smoothing_hz: f64,
+    /// Start guesses: the first by inverse dynamics, the others that one disturbed.
+    pub starts: usize,
+    /// Of noise and of disturbed starts.
+    pub seed: u64,
+    pub regularity: RegularityMode,
+    /// Store functions of time.
+    pub trajectories: bool,
+    pub max_iterations: usize,
+    /// Wall-clock limit of one job, s; null for none.
+    pub time_limit_s: Option<f64>,
+    /// `motion.time_scale`
+    pub time_scale: f64,
+    /// `motion.<coordinate>_offset_…` (SI) and `motion.<coordinate>_scale`, by coordinate.
+    pub motion: Vec<(String, f64, f64)>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            mu: 0.2,
+            h: 0.1,
+            scheme: Scheme::Midpoint,
+            bounds: Bounds::Both,
+            load_sharing_grid: LoadSharingGrid::Measurement,
+            measurement_ratio: 2,
+            noise_sd: 0.0,
+            smoothing_hz: 0.0,
+            starts: 1,
+            seed: 1,
+            regularity: RegularityMode::EveryIteration,
+            trajectories: false,
+            max_iterations: 300,
+            time_limit_s: None,
+            time_scale: 1.0,
+            motion: Vec::new(),
+        }
+    }
+}
+
+/// The names of plain settings, for messages.
+pub const NAMES: &[&str] = &[
+    "mu",
+    "h",
+    "scheme",
+    "bounds",
+    "load_sharing_grid",
+    "measurement_ratio",
+    "noise_sd",
+    "smoothing_hz",
+    "starts",
+    "seed",
+    "regularity",
+    "trajectories",
+    "max_iterations",
+    "time_limit_s",
+];
+
+impl Settings {
+    /// Sets a plain setting or one of `motion.…`; `coordinates` are the model's joint coordinates with whether each is
+    /// an angle.
+    ///
+    /// # Errors
+    /// A [`Complaint`] on an unknown name, a wrong type or a value out of range.
+    pub fn set(&mut self, name: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), Complaint> {
+        match name {
+            "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 on; the thesis uses 0.2")?,
+            "h" => self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?,
+            "scheme" => self.scheme = choice(value, Scheme::ALL, Scheme::parse)?,
+            "bounds" => self.bounds = choice(value, Bounds::ALL, Bounds::parse)?,
+            "load_sharing_grid" => {
+                self.load_sharing_grid = choice(value, LoadSharingGrid::ALL, LoadSharingGrid::parse)?;
+            }
+            "measurement_ratio" => self.measurement_ratio = integer(value, 1..=1000)? as usize,
+            "noise_sd" => self.noise_sd = number(value, 0.0..=1e3, "a standard deviation in m and rad, 0 for none")?,
+            "smoothing_hz" => self.smoothing_hz = number(value, 0.0..=1e6, "a frequency in Hz, 0 for none")?,
+            "starts" => self.starts = integer(value, 1..=100_000)? as usize,
+            "seed" => self.seed = integer(value, 0..=i64::MAX)? as u64,
+            "regularity" => self.regularity = choice(value, RegularityMode::ALL, RegularityMode::parse)?,
+            "trajectories" => {
+                self.trajectories = match value {
+                    Value::Flag(flag) => *flag,
+                    other => return Err(Complaint::new(format!("found {}", describe(other)), "it is true or false")),
+                };
+            }
+            "max_iterations" => self.max_iterations = integer(value, 0..=1_000_000)? as usize,
+            "time_limit_s" => {
+                self.time_limit_s = Some(number(value, 0.0..=1e9, "a time in seconds; leave the key out for no limit")?);
+            }
+            _ => match name.strip_prefix("motion.") {
+                Some(change) => self.set_motion(change, value, coordinates)?,
+                None => return Err(unknown(name)),
+            },
+        }
+        Ok(())
+    }
+
+    fn set_motion(&mut self, change: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), Complaint> {
+        if change == "time_scale" {
+            self.time_scale = number(value, 1e-6..=1e6, "a positive factor")?;
+            return Ok(());
+        }
+        const ENDINGS: [&str; 4] = ["_offset_deg", "_offset_rad", "_offset_m", "_scale"];
+        let Some((coordinate, ending)) = ENDINGS.iter().find_map(|e| change.strip_suffix(e).map(|c| (c, *e))) else {
+            return Err(Complaint::new(
+                format!("unknown change `motion.{change}`"),
+                "motion takes time_scale, <coordinate>_offset_deg (or _rad, _m) and <coordinate>_scale",
+            ));
+        };
+        let Some((name, is_angle)) = coordinates.iter().find(|(name, _)| name == coordinate) else {
+            let names: Vec<&str> = coordinates.iter().map(|(name, _)| name.as_str()).collect();
+            let near = nearest(coordinate, names.iter().copied()).map(|n| format!("did you mean `{n}`? "));
+            return Err(Complaint::new(
+                format!("unknown joint coordinate `{coordinate}`"),
+                format!("{}the model has: {}", near.unwrap_or_default(), names.join(", ")),
+            ));
+        };
+        let unit_fits = match ending {
+            "_offset_m" => !is_angle,
+            "_scale" => true,
+            _ => *is_angle,
+        };
+        if !unit_fits {
+            let unit = if *is_angle { "_offset_deg or _offset_rad" } else { "_offset_m" };
+            return Err(Complaint::new(format!("`{name}` has no {ending}"), format!("use `motion.{name}{unit}`")));
+        }
+        let number = number(value, -1e6..=1e6, "a number")?;
+        let at = match self.motion.iter().position(|(n, ..)| n == name) {
+            Some(at) => at,
+            None => {
+                self.motion.push((name.clone(), 0.0, 1.0));
+                self.motion.len() - 1
+            }
+        };
+        match ending {
+            "_scale" => self.motion[at].2 = number,
+            "_offset_deg" => self.motion[at].1 = number.to_radians(),
+            _ => self.motion[at].1 = number,
+        }
+        Ok(())
+    }
+
+    /// Number of collocation points on a motion of `duration` seconds.
+    ///
+    /// # Errors
+    /// If h does not divide the duration.
+    pub fn points(&self, duration: f64) -> Result<usize, Complaint> {
+        let duration = duration * self.time_scale;
+        let intervals = duration / self.h;
+        let whole = intervals.round();
+        if (intervals - whole).abs() > 1e-6 * whole.max(1.0) || whole < 2.0 {
+            let (few, many) = (intervals.floor().max(2.0), intervals.ceil().max(3.0));
+            return Err(Complaint::new(
+                format!("h = {} s does not divide the motion's duration of {duration} s into two or more intervals", self.h),
+                format!("near values that do: {} s ({few} intervals), {} s ({many})", duration / few, duration / many),
+            ));
+        }
+        Ok(whole as usize + 1)
+    }
+}
+
+/// The complaint about a name that is neither a setting nor a number of the model.
+pub fn unknown(name: &str) -> Complaint {
+    let near = nearest(name, NAMES.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
+    Complaint::new(
+        format!("unknown setting `{name}`"),
+        format!(
+            "{near}settings are: {}; numbers of the model go by path, such as muscle.<name>.tendon_slack_length or \
+             body.<name>.mass_scale; changes of the motion begin with motion.",
+            NAMES.join(", ")
+        ),
+    )
+}
+
+pub fn describe(value: &Value) -> String {
+    match value {
+        Value::Flag(flag) => format!("{flag}, true or false"),
+        Value::Integer(number) => format!("the whole number {number}"),
+        Value::Number(number) => format!("the number {number}"),
+        Value::Text(text) => format!("the text \"{text}\""),
+    }
+}
+
+fn number(value: &Value, range: std::ops::RangeInclusive<f64>, allowed: &str) -> Result<f64, Complaint> {
+    match value.number() {
+        Some(number) if range.contains(&number) => Ok(number),
+        _ => Err(Complaint::new(format!("found {}", describe(value)), format!("it must be {allowed}"))),
+    }
+}
+
+fn integer(value: &Value, range: std::ops::RangeInclusive<i64>) -> Result<i64, Complaint> {
+    match value {
+        Value::Integer(number) if range.contains(number) => Ok(*number),
+        _ => Err(Complaint::new(
+            format!("found {}", describe(value)),
+            format!("it must be a whole number from {} to {}", range.start(), range.end()),
+        )),
+    }
+}
+
+fn choice<T>(value: &Value, allowed: &[&str], parse: impl Fn(&str) -> Option<T>) -> Result<T, Complaint> {
+    let help = |found: &str| {
+        let near = nearest(found, allowed.iter().copied()).map(|n| format!("did you mean \"{n}\"? "));
+        format!("{}it is one of: {}", near.unwrap_or_default(), allowed.join(", "))
+    };
+    match value {
+        Value::Text(text) => parse(text).ok_or_else(|| Complaint::new(format!("found \"{text}\""), help(text))),
+        other => Err(Complaint::new(format!("found {}", describe(other)), help(""))),
+    }
+}
