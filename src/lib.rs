@@ -1,8 +1,15 @@
+pub mod cli;
 pub mod error;
 pub mod guess;
 pub mod model;
 pub mod motion;
 pub mod nlp;
 pub mod numerics;
+pub mod outcome;
+pub mod run;
+pub mod solution;
+pub mod solve;
 pub mod study;
+pub mod table1;
+pub mod tables;
 pub mod transcription;

@@ -56,6 +56,14 @@ impl Midpoint {
         }
     }
 
+    /// Ends of the spans, s.
+    pub fn breakpoints(&self) -> Vec<f64> {
+        let mut breakpoints = vec![self.points[0]];
+        breakpoints.extend(self.points.windows(2).map(|w| 0.5 * (w[0] + w[1])));
+        breakpoints.push(self.points[self.points.len() - 1]);
+        breakpoints
+    }
+
     fn initial_values(&self) -> usize {
         2 * (self.nq + self.nm)
     }

@@ -1,0 +1,62 @@
+//! `sinew check`: mistakes in files, each with its place.
+
+use std::path::Path;
+
+use super::{BAD_INPUT, GOOD, print};
+use crate::error::{Error, Result, SourceFile};
+use crate::model::Model;
+use crate::model::file::ModelFile;
+use crate::motion::MotionTable;
+use crate::study::Study;
+
+pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
+    let model = match model {
+        Some(path) => Some(ModelFile::load(&SourceFile::read(path)?)?.1),
+        None => None,
+    };
+    let mut code = GOOD;
+    for path in files {
+        match check_one(path, model.as_ref()) {
+            Ok(summary) => print(&format!("{}: {summary}", path.display())),
+            Err(error) => {
+                eprintln!("{:?}", miette::Report::new(error));
+                code = BAD_INPUT;
+            }
+        }
+    }
+    Ok(code)
+}
+
+fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("csv" | "mot" | "sto") => {
+            let Some(model) = model else {
+                let file = SourceFile::read(path)?;
+                return Err(file.error(
+                    None,
+                    format!("{}: a motion can only be checked against a model", path.display()),
+                    "",
+                    Some("add --model MODEL.toml, or check the study that uses this motion".to_owned()),
+                ));
+            };
+            let table = MotionTable::load(path, model)?;
+            Ok(format!("motion, {} coordinate(s) at {} instants", table.columns.len(), table.time.len()))
+        }
+        Some("toml") => {
+            let file = SourceFile::read(path)?;
+            let table: toml::Table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
+            if ["motion", "sweep", "base"].iter().any(|key| table.contains_key(*key)) {
+                let study = Study::load(path)?;
+                Ok(format!("study, {} job(s)", study.jobs.len()))
+            } else {
+                let (_, model) = ModelFile::load(&file)?;
+                Ok(format!("model, {} bodies and {} muscles", model.bodies.len(), model.muscles.len()))
+            }
+        }
+        _ => Err(Error::Table {
+            action: "check",
+            path: path.to_owned(),
+            reason: "a file to check is a study or model (.toml) or a motion (.csv, .mot, .sto)".to_owned(),
+        }),
+    }
+}

@@ -1,0 +1,276 @@
+//! `sinew show`: the tables of a results folder in the terminal, from the Parquet files alone.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use comfy_table::{CellAlignment, Table as Grid, presets::NOTHING};
+
+use super::{GOOD, print};
+use crate::error::{Error, Result};
+use crate::study::sweep::SAMPLE;
+use crate::table1::{Group, THESIS, groups, thesis};
+use crate::tables::{self, Table};
+
+const FIRST: usize = 24;
+const BEST: usize = 5;
+
+/// Columns of `jobs` before and after those of the axes.
+const BEFORE: [&str; 2] = ["job_id", "index"];
+const AFTER: &str = "status";
+
+pub fn show(dir: &Path, all: bool) -> Result<u8> {
+    let manifest = dir.join("manifest.json");
+    if !manifest.exists() {
+        let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "no manifest.json, so no results folder of Sinew");
+        return Err(Error::io("show", dir, missing));
+    }
+    let read = |name: &'static str| tables::read(name, &dir.join(format!("{name}.parquet")));
+    let (jobs, regularity, muscles) = (read("jobs")?, read("regularity")?, read("muscles")?);
+    let axes: Vec<String> = jobs
+        .columns
+        .iter()
+        .map(|(name, _)| name.clone())
+        .filter(|name| !BEFORE.contains(&name.as_str()))
+        .take_while(|name| name != AFTER)
+        .collect();
+    counts(&jobs);
+    let groups = groups(&jobs, &regularity, &axes);
+    let sampled = axes.iter().any(|axis| axis == SAMPLE);
+    if sampled && !groups.is_empty() {
+        search(&groups);
+        return Ok(GOOD);
+    }
+    for group in &groups {
+        rank_table(group);
+    }
+    let limit = if all { jobs.rows() } else { FIRST.min(jobs.rows()) };
+    job_table(&jobs, &regularity, &axes, limit);
+    muscle_table(&jobs, &muscles, limit);
+    remarks(&jobs, limit);
+    if limit < jobs.rows() {
+        print(&format!("\n… {} more job(s): --all shows them", jobs.rows() - limit));
+    }
+    Ok(GOOD)
+}
+
+fn counts(jobs: &Table) {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for row in 0..jobs.rows() {
+        *counts.entry(jobs.text("status", row).unwrap_or("?")).or_default() += 1;
+    }
+    let text: Vec<String> = counts.iter().map(|(status, count)| format!("{count} {status}")).collect();
+    print(&format!("{} finished job(s): {}", jobs.rows(), text.join(", ")));
+}
+
+fn grid(header: Vec<String>) -> Grid {
+    let columns = header.len();
+    let mut grid = Grid::new();
+    grid.load_preset(NOTHING).set_header(header);
+    for column in 1..columns {
+        if let Some(column) = grid.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    grid
+}
+
+/// A deficiency as the thesis prints it: 0, −1, …
+fn printed(deficiency: i64) -> String {
+    (-deficiency).to_string()
+}
+
+/// Table 1 in the thesis' layout, its numbers in brackets.
+fn rank_table(group: &Group) {
+    let others: Vec<String> = group.others.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+    print(&format!("\nRank deficiencies, in brackets the thesis' Table 1{}", if others.is_empty() { String::new() } else { format!(" ({})", others.join(", ")) }));
+    for (grid_name, title) in [("measurement", "a at the measured instants"), ("collocation", "a at the collocation points")] {
+        let bounds = ["activation", "excitation", "both"];
+        let mut table = grid([title, "a ≥ 0", "u ≥ 0", "u, a ≥ 0"].map(str::to_owned).to_vec());
+        type Pick = fn((i64, i64)) -> i64;
+        let picks: [(&str, Pick); 2] = [("of A", |d| d.0), ("of [Aᵀ Jᵀ]", |d| d.1)];
+        for (name, pick) in picks {
+            let mut row = vec![name.to_owned()];
+            for bound in bounds {
+                let cell = group.cells.get(&(grid_name.to_owned(), bound.to_owned()));
+                row.push(match cell {
+                    None => "–".to_owned(),
+                    Some(cell) => {
+                        let found = match cell.deficiencies {
+                            Some(found) if cell.status == "converged" => printed(pick(found)),
+                            _ => cell.status.clone(),
+                        };
+                        let mark = match (cell.deficiencies, cell.predicted) {
+                            (Some(found), Some(predicted)) if pick(found) != pick(predicted) => {
+                                format!(" predicted {}", printed(pick(predicted)))
+                            }
+                            _ => String::new(),
+                        };
+                        let print = thesis(grid_name, bound).map_or(String::new(), |t| format!(" ({})", printed(pick(t))));
+                        format!("{found}{print}{mark}")
+                    }
+                });
+            }
+            table.add_row(row);
+        }
+        print(&table.trim_fmt());
+    }
+    print(&format!("{} of the 12 numbers are the thesis'", group.matches()));
+}
+
+/// What a search over sampled arms found.
+fn search(groups: &[Group]) {
+    let mut histogram = BTreeMap::<usize, usize>::new();
+    groups.iter().for_each(|group| *histogram.entry(group.matches()).or_default() += 1);
+    print(&format!("\n{} sampled arm(s), by how many of the 12 numbers of Table 1 come out", groups.len()));
+    let mut table = grid(["numbers", "arms"].map(str::to_owned).to_vec());
+    for (matches, count) in histogram.iter().rev() {
+        table.add_row([matches.to_string(), count.to_string()]);
+    }
+    print(&table.trim_fmt());
+
+    print("\nHow common each cell's numbers are over the converged jobs (thesis in brackets)");
+    let header = ["case", "converged", "A", "share", "[Aᵀ Jᵀ]", "share", "both", "most common A/[Aᵀ Jᵀ]"];
+    let mut table = grid(header.map(str::to_owned).to_vec());
+    for (grid_name, bounds, a, aj) in THESIS {
+        let key = (grid_name.to_owned(), bounds.to_owned());
+        let found: Vec<(i64, i64)> = groups
+            .iter()
+            .filter_map(|g| g.cells.get(&key).filter(|c| c.status == "converged")?.deficiencies)
+            .collect();
+        let share = |count: usize| match found.len() {
+            0 => "–".to_owned(),
+            total => format!("{:.1} %", 100.0 * count as f64 / total as f64),
+        };
+        let mut common = BTreeMap::<(i64, i64), usize>::new();
+        found.iter().for_each(|pair| *common.entry(*pair).or_default() += 1);
+        let mut common: Vec<_> = common.into_iter().collect();
+        common.sort_by_key(|&(pair, count)| (std::cmp::Reverse(count), pair));
+        let top: Vec<String> = common
+            .iter()
+            .take(3)
+            .map(|((a, aj), count)| format!("{}/{} {}", printed(*a), printed(*aj), share(*count)))
+            .collect();
+        table.add_row([
+            format!("{grid_name}, {bounds}"),
+            found.len().to_string(),
+            format!("({})", printed(a)),
+            share(found.iter().filter(|f| f.0 == a).count()),
+            format!("({})", printed(aj)),
+            share(found.iter().filter(|f| f.1 == aj).count()),
+            share(found.iter().filter(|f| **f == (a, aj)).count()),
+            top.join(", "),
+        ]);
+    }
+    print(&table.trim_fmt());
+
+    let mut best: Vec<&Group> = groups.iter().collect();
+    best.sort_by_key(|group| std::cmp::Reverse(group.matches()));
+    for group in best.iter().take(BEST) {
+        let others: Vec<String> = group.others.iter().map(|(name, value)| format!("{name} {value}")).collect();
+        let cells: Vec<String> = THESIS
+            .iter()
+            .map(|&(grid_name, bounds, ..)| {
+                let cell = group.cells.get(&(grid_name.to_owned(), bounds.to_owned()));
+                let found = cell.and_then(|c| c.deficiencies).map(|(a, aj)| format!("{}/{}", printed(a), printed(aj)));
+                found.unwrap_or_else(|| "–".to_owned())
+            })
+            .collect();
+        print(&format!("{}: {} numbers, {}", others.join(", "), group.matches(), cells.join("  ")));
+    }
+}
+
+fn job_table(jobs: &Table, regularity: &Table, axes: &[String], limit: usize) {
+    let ranks: BTreeMap<&str, usize> =
+        (0..regularity.rows()).filter_map(|row| Some((regularity.text("job_id", row)?, row))).collect();
+    let mut header: Vec<String> = vec!["job".to_owned()];
+    header.extend(axes.iter().cloned());
+    let rest = ["status", "iter.", "objective", "effort", "rms mm", "A", "[Aᵀ Jᵀ]", "predicted", "unique", "optima", "s"];
+    header.extend(rest.map(str::to_owned));
+    let mut table = grid(header);
+    for row in 0..limit {
+        let rank = jobs.text("job_id", row).and_then(|id| ranks.get(id)).copied();
+        let number = |name: &str, digits: usize, factor: f64| {
+            jobs.number(name, row).map_or("–".to_owned(), |v| format!("{:.digits$}", v * factor))
+        };
+        let count = |name: &str| rank.and_then(|r| regularity.integer(name, r)).map_or("–".to_owned(), printed);
+        let unique = rank.and_then(|r| Some((regularity.flag("unique", r)?, regularity.flag("loads_unique", r)?)));
+        let mut cells = vec![jobs.display("index", row).unwrap_or_default()];
+        cells.extend(axes.iter().map(|axis| short(&jobs.display(axis, row).unwrap_or_default())));
+        cells.push(jobs.display("status", row).unwrap_or_default());
+        cells.push(jobs.display("iterations", row).unwrap_or("–".to_owned()));
+        cells.push(number("objective", 7, 1.0));
+        cells.push(number("effort", 5, 1.0));
+        cells.push(number("tracking_rms_m", 2, 1e3));
+        cells.push(count("deficiency_a"));
+        cells.push(count("deficiency_aj"));
+        cells.push(format!("{}/{}", count("predicted_deficiency_a"), count("predicted_deficiency_aj")));
+        cells.push(
+            match unique {
+                Some((true, _)) => "yes",
+                Some((false, true)) => "loads only",
+                Some((false, false)) => "no",
+                None => "–",
+            }
+            .to_owned(),
+        );
+        cells.push(jobs.display("n_distinct_optima", row).unwrap_or("–".to_owned()));
+        cells.push(number("wall_s", 3, 1.0));
+        table.add_row(cells);
+    }
+    print(&format!("\nJobs\n{}", table.trim_fmt()));
+}
+
+/// A number of many digits, cut to what a table bears.
+fn short(text: &str) -> String {
+    match text.parse::<f64>() {
+        Ok(number) if text.len() > 9 => format!("{number:.5}"),
+        _ => text.to_owned(),
+    }
+}
+
+/// Mean force of each muscle, `idle` where it does nothing.
+fn muscle_table(jobs: &Table, muscles: &Table, limit: usize) {
+    let mut names: Vec<&str> = Vec::new();
+    let mut by_job: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
+    for row in 0..muscles.rows() {
+        if let (Some(job), Some(muscle)) = (muscles.text("job_id", row), muscles.text("muscle", row)) {
+            if !names.contains(&muscle) {
+                names.push(muscle);
+            }
+            by_job.entry(job).or_default().insert(muscle, row);
+        }
+    }
+    if names.is_empty() {
+        return;
+    }
+    let mut table = grid(["job"].into_iter().chain(names.iter().copied()).chain(["ringing 1/s"]).map(str::to_owned).collect());
+    for row in 0..limit {
+        let Some(rows) = jobs.text("job_id", row).and_then(|id| by_job.get(id)) else { continue };
+        let mut cells = vec![jobs.display("index", row).unwrap_or_default()];
+        for name in &names {
+            cells.push(match rows.get(name) {
+                None => "–".to_owned(),
+                Some(&r) => {
+                    let (mean, peak) = (muscles.number("mean_force_n", r), muscles.number("peak_force_n", r));
+                    let idle = if muscles.flag("idle", r) == Some(true) { " idle" } else { "" };
+                    format!("{:.1}/{:.1}{idle}", mean.unwrap_or(f64::NAN), peak.unwrap_or(f64::NAN))
+                }
+            });
+        }
+        let ringing = rows.values().filter_map(|&r| muscles.number("ringing", r)).fold(0.0, f64::max);
+        cells.push(format!("{ringing:.1}"));
+        table.add_row(cells);
+    }
+    print(&format!("\nMuscle forces, mean/peak in N\n{}", table.trim_fmt()));
+}
+
+fn remarks(jobs: &Table, limit: usize) {
+    for row in 0..jobs.rows() {
+        let index = jobs.display("index", row).unwrap_or_default();
+        if let Some(error) = jobs.text("error", row) {
+            print(&format!("job {index}: {}: {error}", jobs.text("status", row).unwrap_or("?")));
+        } else if let (Some(remark), true) = (jobs.text("remark", row), row < limit) {
+            print(&format!("job {index}: {remark}"));
+        }
+    }
+}

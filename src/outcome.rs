@@ -1,0 +1,238 @@
+//! What one job gives: plain rows, ready for the tables. Missing values are `None`, never NaN.
+
+use serde::{Deserialize, Serialize};
+
+use crate::nlp::sqp::SqpStatus;
+
+/// How a job ended. Only `converged` is success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// All three KKT residuals are below the tolerance.
+    Converged,
+    /// The SQP iterations ran out.
+    IterationLimit,
+    /// The wall-clock limit passed.
+    TimeLimit,
+    /// The quadratic sub-problem could not be solved.
+    QpFailed,
+    /// No step was accepted any more.
+    Stalled,
+    /// The constraints contradict each other.
+    Infeasible,
+    /// A function or derivative was not finite.
+    NonFinite,
+    /// The job could not be set up.
+    Invalid,
+    /// The program failed inside the job.
+    Panicked,
+}
+
+impl Status {
+    pub fn name(self) -> &'static str {
+        match self {
+            Status::Converged => "converged",
+            Status::IterationLimit => "iteration_limit",
+            Status::TimeLimit => "time_limit",
+            Status::QpFailed => "qp_failed",
+            Status::Stalled => "stalled",
+            Status::Infeasible => "infeasible",
+            Status::NonFinite => "non_finite",
+            Status::Invalid => "invalid",
+            Status::Panicked => "panicked",
+        }
+    }
+}
+
+impl From<SqpStatus> for Status {
+    fn from(status: SqpStatus) -> Self {
+        match status {
+            SqpStatus::Converged => Status::Converged,
+            SqpStatus::IterationLimit => Status::IterationLimit,
+            SqpStatus::TimeLimit => Status::TimeLimit,
+            SqpStatus::QpFailed => Status::QpFailed,
+            SqpStatus::Stalled => Status::Stalled,
+            SqpStatus::Infeasible => Status::Infeasible,
+            SqpStatus::NonFinite => Status::NonFinite,
+        }
+    }
+}
+
+/// Everything one job leaves behind.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    pub job: JobRow,
+    pub regularity: Option<RegularityRow>,
+    pub iterations: Vec<IterationRow>,
+    pub muscles: Vec<MuscleRow>,
+    pub spectrum: Vec<SpectrumRow>,
+    pub trajectories: Vec<TrajectoryRow>,
+}
+
+/// The job's row in `jobs.parquet`, its id and swept values apart.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JobRow {
+    pub status: Status,
+    /// The reason, where the status is not `converged`.
+    pub error: Option<String>,
+    /// A remark on a converged job: a large tracking error, an activation above 1.
+    pub remark: Option<String>,
+    pub iterations: Option<i64>,
+    pub objective: Option<f64>,
+    /// ∫Σa² dt, s
+    pub effort: Option<f64>,
+    pub tracking_rms_m: Option<f64>,
+    pub tracking_rms_deg: Option<f64>,
+    pub n_starts: Option<i64>,
+    pub n_converged_starts: Option<i64>,
+    pub n_distinct_optima: Option<i64>,
+    pub stationarity: Option<f64>,
+    pub feasibility: Option<f64>,
+    pub complementarity: Option<f64>,
+    pub n_variables: Option<i64>,
+    pub n_equalities: Option<i64>,
+    pub n_active: Option<i64>,
+    pub n_active_force: Option<i64>,
+    pub min_activation: Option<f64>,
+    pub max_activation: Option<f64>,
+    /// max |Φ_q q̇| over the collocation points, m/s and rad/s
+    pub max_constraint_velocity: Option<f64>,
+    /// Unknowns are put to exact active bounds before ranks are taken; false where that failed.
+    pub polished: Option<bool>,
+    pub warm_start_from: Option<String>,
+    pub solve_s: Option<f64>,
+    pub rank_s: Option<f64>,
+    pub wall_s: Option<f64>,
+}
+
+impl Default for JobRow {
+    fn default() -> Self {
+        Self::failed(Status::Invalid, String::new())
+    }
+}
+
+impl JobRow {
+    /// A row of a job that has a status and a reason only.
+    pub fn failed(status: Status, error: String) -> Self {
+        Self {
+            status,
+            error: Some(error),
+            remark: None,
+            iterations: None,
+            objective: None,
+            effort: None,
+            tracking_rms_m: None,
+            tracking_rms_deg: None,
+            n_starts: None,
+            n_converged_starts: None,
+            n_distinct_optima: None,
+            stationarity: None,
+            feasibility: None,
+            complementarity: None,
+            n_variables: None,
+            n_equalities: None,
+            n_active: None,
+            n_active_force: None,
+            min_activation: None,
+            max_activation: None,
+            max_constraint_velocity: None,
+            polished: None,
+            warm_start_from: None,
+            solve_s: None,
+            rank_s: None,
+            wall_s: None,
+        }
+    }
+}
+
+impl Outcome {
+    pub fn failed(status: Status, error: impl Into<String>) -> Self {
+        Self { job: JobRow::failed(status, error.into()), ..Self::default() }
+    }
+}
+
+/// The job's row in `regularity.parquet`. Deficiencies are counts; the thesis prints them negative.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RegularityRow {
+    pub a: MatrixRank,
+    pub aj: MatrixRank,
+    /// With the active conditions f_m ≥ 0 as rows of A too.
+    pub deficiency_a_with_force: Option<i64>,
+    pub deficiency_aj_with_force: Option<i64>,
+    /// Some σ/σ_max lies between 1e-15 and 1e-9.
+    pub ambiguous: bool,
+    /// Whether the predicted deficiencies are met, or met by some cut within that band.
+    pub prediction_agrees: Option<bool>,
+    /// Both deficiencies are zero: multipliers and step of the quadratic sub-problem are unique.
+    pub unique: bool,
+    /// No direction that changes neither constraints nor residuals moves a muscle's force at a collocation point.
+    pub loads_unique: bool,
+}
+
+/// Rank of A or of [Aᵀ Jᵀ].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MatrixRank {
+    /// Rows of A; columns of [A; J], which is the number of unknowns.
+    pub size: i64,
+    pub rank: i64,
+    pub deficiency: i64,
+    pub predicted: Option<i64>,
+    pub tolerance: f64,
+    pub sigma_max: Option<f64>,
+    pub sigma_last_kept: Option<f64>,
+    pub sigma_first_dropped: Option<f64>,
+}
+
+/// One iteration of the best start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IterationRow {
+    pub iteration: i64,
+    pub objective: f64,
+    pub stationarity: f64,
+    pub feasibility: f64,
+    pub complementarity: f64,
+    pub step_norm: f64,
+    pub distance_to_solution: f64,
+    pub qp_iterations: i64,
+    pub deficiency_a: Option<i64>,
+    pub deficiency_aj: Option<i64>,
+}
+
+/// One muscle of a job.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MuscleRow {
+    pub muscle: String,
+    pub mean_activation: f64,
+    pub peak_activation: f64,
+    pub mean_force_n: f64,
+    pub peak_force_n: f64,
+    pub min_force_n: f64,
+    pub impulse_n_s: f64,
+    /// |a| ≤ 1e-8 at every collocation point.
+    pub idle: bool,
+    /// max |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity, optimal fibre lengths a second.
+    pub ringing: f64,
+    /// Share of inner points where the fibre velocity turns from rising to falling or back.
+    pub direction_changes: f64,
+    pub peak_fibre_velocity_per_s: f64,
+}
+
+/// One singular value near the cut.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpectrumRow {
+    pub matrix: String,
+    /// From 0, largest first.
+    pub index: i64,
+    pub value: f64,
+}
+
+/// One value of a function of time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrajectoryRow {
+    pub time_s: f64,
+    pub signal: String,
+    pub name: String,
+    pub value: f64,
+    /// Set on reactions and accelerations of the first and last four points, which ring at both ends.
+    pub end_effect: bool,
+}

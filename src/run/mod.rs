@@ -1,0 +1,176 @@
+//! Runs a study: jobs in parallel, each finished one on disk before the next is counted, tables at the end.
+//!
+//! Knows rayon and indicatif; `solve` knows neither. A finished job is one line of `finished.jsonl`, flushed; a run that was
+//! cut off goes on where it stopped, and the tables are made from the same lines either way.
+
+mod manifest;
+mod progress;
+mod store;
+
+use std::collections::HashSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::outcome::{Outcome, Status};
+use crate::solve::solve;
+use crate::study::{Job, Study};
+use crate::tables::{self, schema};
+use progress::Progress;
+use store::Store;
+
+/// How to run.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    pub out: PathBuf,
+    /// Jobs at a time; all cores if `None`.
+    pub threads: Option<usize>,
+    /// Forget earlier results of this folder.
+    pub fresh: bool,
+}
+
+/// How it went.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunReport {
+    pub jobs: usize,
+    pub finished: usize,
+    /// Finished, but not converged.
+    pub failed: usize,
+    /// Taken from an earlier run.
+    pub kept: usize,
+    /// Stopped by the user before all jobs were done.
+    pub interrupted: bool,
+}
+
+/// Runs all jobs of a study that have no result yet and writes the tables.
+///
+/// # Errors
+/// If the folder or a file cannot be written. What was finished before stays on disk.
+pub fn run(study: &Study, options: &RunOptions, stop: &AtomicBool) -> Result<RunReport> {
+    run_with(study, options, stop, &|study, job| match study.model_of(job) {
+        Ok(model) => solve(&model, &study.motion, &job.settings, job.points),
+        Err(complaint) => Outcome::failed(Status::Invalid, complaint.message),
+    })
+}
+
+/// [`run`] with another solver in place of [`solve`], for tests of the engine.
+pub fn run_with(
+    study: &Study,
+    options: &RunOptions,
+    stop: &AtomicBool,
+    solver: &(dyn Fn(&Study, &Job) -> Outcome + Sync),
+) -> Result<RunReport> {
+    std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
+    let mut store = Store::open(&options.out, options.fresh)?;
+    let mut seen = HashSet::new();
+    let pending: Vec<&Job> =
+        study.jobs.iter().filter(|job| store.get(&job.id).is_none() && seen.insert(&job.id)).collect();
+    let kept = study.jobs.iter().filter(|job| store.get(&job.id).is_some()).count();
+    if let Some(note) = store.version_note(study) {
+        eprintln!("note: {note}");
+    }
+
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads.unwrap_or(0))
+        .thread_name(|i| format!("{WORKER}{i}"))
+        .build()
+        .map_err(|e| Error::io("start threads for", &options.out, std::io::Error::other(e)))?;
+    let mut progress = Progress::new(pending.len());
+    let (send, receive) = mpsc::channel::<(&Job, Outcome)>();
+    let written = quiet_workers(|| {
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                pool.install(|| {
+                    pending.par_iter().with_max_len(1).for_each_with(send, |send, job| {
+                        if !stop.load(Ordering::Relaxed) {
+                            // The receiver hangs up only when the disk fails; then nothing is left to say.
+                            let _ = send.send((job, contained(study, job, solver)));
+                        }
+                    });
+                });
+            });
+            let mut result = Ok(());
+            for (job, outcome) in receive {
+                if result.is_ok() {
+                    progress.finished(outcome.job.status);
+                    result = store.add(&job.id, outcome);
+                    if result.is_err() {
+                        stop.store(true, Ordering::Relaxed);
+                    }
+                }
+            }
+            result
+        })
+    });
+    progress.end();
+    written?;
+
+    let finished: Vec<(&Job, &Outcome)> =
+        study.jobs.iter().filter_map(|job| store.get(&job.id).map(|outcome| (job, outcome))).collect();
+    write_tables(study, &finished, &options.out)?;
+    Ok(RunReport {
+        jobs: study.jobs.len(),
+        finished: finished.len(),
+        failed: finished.iter().filter(|(_, o)| o.job.status != Status::Converged).count(),
+        kept,
+        interrupted: finished.len() < study.jobs.len(),
+    })
+}
+
+/// One job; a panic in it becomes its row.
+fn contained(study: &Study, job: &Job, solver: &(dyn Fn(&Study, &Job) -> Outcome + Sync)) -> Outcome {
+    catch_unwind(AssertUnwindSafe(|| solver(study, job))).unwrap_or_else(|payload| {
+        let message = payload
+            .downcast_ref::<String>()
+            .map(String::as_str)
+            .or_else(|| payload.downcast_ref::<&str>().copied())
+            .unwrap_or("no message");
+        Outcome::failed(Status::Panicked, format!("the program failed inside this job (please report it): {message}"))
+    })
+}
+
+const WORKER: &str = "sinew-worker-";
+
+/// Keeps panics of the workers off the terminal while `f` runs: they become rows.
+fn quiet_workers<T>(f: impl FnOnce() -> T) -> T {
+    use std::sync::Once;
+    static INSTALL: Once = Once::new();
+    INSTALL.call_once(|| {
+        let usual = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            if !std::thread::current().name().is_some_and(|name| name.starts_with(WORKER)) {
+                usual(info);
+            }
+        }));
+    });
+    f()
+}
+
+fn write_tables(study: &Study, finished: &[(&Job, &Outcome)], out: &Path) -> Result<()> {
+    let provenance = manifest::provenance(study);
+    let mut hashes = Vec::new();
+    for table in schema::tables(finished) {
+        let path = out.join(format!("{}.parquet", table.name));
+        if table.name == "trajectories" && table.rows() == 0 {
+            let _ = std::fs::remove_file(&path); // of an earlier run that stored them
+            continue;
+        }
+        let units: serde_json::Map<String, serde_json::Value> =
+            table.columns.iter().map(|(name, _)| (name.clone(), schema::unit(name).into())).collect();
+        let mut metadata = provenance.clone();
+        metadata.push(("sinew.units".to_owned(), serde_json::Value::Object(units).to_string()));
+        tables::write(&table, &path, &metadata)?;
+        let bytes = std::fs::read(&path).map_err(|e| Error::io("read", &path, e))?;
+        hashes.push((format!("{}.parquet", table.name), blake3::hash(&bytes).to_hex().to_string()));
+    }
+    manifest::write(study, finished.len(), &hashes, &out.join("manifest.json"))
+}
+
+/// The folder of a study's results unless the user names another: `results/<study>` in the current folder.
+pub fn default_folder(study: &Study) -> PathBuf {
+    Path::new("results").join(&study.name)
+}

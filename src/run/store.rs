@@ -1,0 +1,96 @@
+//! Finished jobs on disk, one JSON line each, appended and flushed as they finish.
+
+use std::collections::HashMap;
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::outcome::Outcome;
+use crate::study::Study;
+
+const FILE: &str = "finished.jsonl";
+
+#[derive(Serialize, Deserialize)]
+struct Line {
+    job_id: String,
+    version: String,
+    outcome: Outcome,
+}
+
+pub struct Store {
+    path: PathBuf,
+    file: File,
+    outcomes: HashMap<String, (String, Outcome)>,
+}
+
+impl Store {
+    /// Opens the store of a results folder. A last line that was cut off (by a kill, by a full disk) is dropped.
+    pub fn open(folder: &Path, fresh: bool) -> Result<Self> {
+        let path = folder.join(FILE);
+        let mut file = OpenOptions::new()
+            .create(true)
+            .read(true)
+            .write(true)
+            .truncate(fresh)
+            .open(&path)
+            .map_err(|e| Error::io("open", &path, e))?;
+        let mut text = Vec::new();
+        file.read_to_end(&mut text).map_err(|e| Error::io("read", &path, e))?;
+        let mut outcomes = HashMap::new();
+        let mut whole = 0;
+        for line in text.split_inclusive(|&byte| byte == b'\n') {
+            let Ok(line_read) = serde_json::from_slice::<Line>(line) else {
+                // Nothing after a damaged line can be trusted to begin where it seems to: keep what is before.
+                break;
+            };
+            if !line.ends_with(b"\n") {
+                break;
+            }
+            whole += line.len();
+            outcomes.insert(line_read.job_id, (line_read.version, line_read.outcome));
+        }
+        if whole < text.len() {
+            let lost = text[whole..].split(|&b| b == b'\n').filter(|l| !l.is_empty()).count();
+            eprintln!("note: {} ends in {lost} damaged line(s): those jobs run again", path.display());
+            file.set_len(whole as u64).map_err(|e| Error::io("mend", &path, e))?;
+        }
+        file.seek(SeekFrom::Start(whole as u64)).map_err(|e| Error::io("open", &path, e))?;
+        Ok(Self { path, file, outcomes })
+    }
+
+    pub fn get(&self, job_id: &str) -> Option<&Outcome> {
+        self.outcomes.get(job_id).map(|(_, outcome)| outcome)
+    }
+
+    /// Writes a finished job to disk before it counts as finished.
+    pub fn add(&mut self, job_id: &str, outcome: Outcome) -> Result<()> {
+        let version = env!("CARGO_PKG_VERSION").to_owned();
+        let line = Line { job_id: job_id.to_owned(), version: version.clone(), outcome };
+        let mut text = serde_json::to_vec(&line).map_err(|e| Error::io("write", &self.path, e.into()))?;
+        text.push(b'\n');
+        self.file.write_all(&text).and_then(|()| self.file.flush()).map_err(|e| Error::io("write", &self.path, e))?;
+        self.outcomes.insert(line.job_id, (version, line.outcome));
+        Ok(())
+    }
+
+    /// A sentence if results of this study come from another version of the program.
+    pub fn version_note(&self, study: &Study) -> Option<String> {
+        let here = env!("CARGO_PKG_VERSION");
+        let mut versions: Vec<&str> = study
+            .jobs
+            .iter()
+            .filter_map(|job| self.outcomes.get(&job.id))
+            .map(|(version, _)| version.as_str())
+            .filter(|version| *version != here)
+            .collect();
+        let count = versions.len();
+        versions.sort_unstable();
+        versions.dedup();
+        (count > 0).then(|| {
+            format!("{count} kept result(s) were computed by sinew {}; run with --fresh to renew them", versions.join(", "))
+        })
+    }
+}

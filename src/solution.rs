@@ -1,0 +1,274 @@
+//! From a solution to rows: loads, activations, residuals of the unscaled problem, functions of time.
+
+use crate::model::Model;
+use crate::motion::Measurement;
+use crate::nlp::iterate::Iterate;
+use crate::nlp::polish::active;
+use crate::nlp::problem::Problem;
+use crate::outcome::{JobRow, MuscleRow, Status, TrajectoryRow};
+use crate::transcription::collocation::{BoundKind, Collocation, evaluate};
+use crate::transcription::instant::{ACTIVATION, EXCITATION, LENGTH, VELOCITY};
+use crate::transcription::midpoint::Midpoint;
+
+/// Points at either end where reactions and accelerations of the midpoint scheme ring.
+const END_POINTS: usize = 4;
+/// A tracking error above these is remarked on.
+const LARGE_ERROR_M: f64 = 0.05;
+const LARGE_ERROR_DEG: f64 = 10.0;
+
+/// A solved problem.
+pub struct Solution<'s> {
+    pub problem: &'s Collocation<'s>,
+    pub scheme: &'s Midpoint,
+    pub measurement: &'s Measurement,
+    pub iterate: &'s Iterate,
+}
+
+impl Solution<'_> {
+    fn model(&self) -> &Model {
+        self.problem.instant.model
+    }
+
+    fn points(&self) -> usize {
+        self.scheme.points.len()
+    }
+
+    /// z at every collocation point.
+    fn locals(&self) -> Vec<Vec<f64>> {
+        (0..self.points()).map(|j| self.problem.local(j, &self.iterate.x)).collect()
+    }
+
+    /// Coefficients of a muscle's activation spline.
+    fn activation_coefficients(&self, muscle: usize) -> Vec<f64> {
+        (0..self.scheme.state.dimension()).map(|k| self.iterate.x[self.scheme.activation_index(k, muscle)]).collect()
+    }
+
+    /// The job's row, but for status, starts and times.
+    pub fn job_row(&self) -> JobRow {
+        let (problem, iterate) = (self.problem, self.iterate);
+        let activations: Vec<Vec<f64>> = (0..self.model().muscles.len()).map(|m| self.activation_coefficients(m)).collect();
+        let locals = self.locals();
+        let at_points = || {
+            locals.iter().flat_map(|z| (0..self.model().muscles.len()).map(|m| z[problem.instant.muscle(m) + ACTIVATION]))
+        };
+        let (rms_m, rms_deg) = self.tracking_rms();
+        let active = active(&iterate.inequalities);
+        let force = (0..active.len()).filter(|&row| active[row] && problem.bounds[row].kind == BoundKind::Force).count();
+        let [stationarity, complementarity] = self.unscaled_errors();
+        let max_activation = at_points().fold(f64::NEG_INFINITY, f64::max);
+        JobRow {
+            objective: Some(iterate.objective),
+            effort: Some(activations.iter().map(|a| self.integral_of_square(a)).sum()),
+            tracking_rms_m: Some(rms_m),
+            tracking_rms_deg: Some(rms_deg),
+            stationarity: Some(stationarity),
+            feasibility: Some(problem.feasibility(&iterate.x)),
+            complementarity: Some(complementarity),
+            n_variables: Some(problem.variables() as i64),
+            n_equalities: Some(problem.equalities() as i64),
+            n_active: Some((active.iter().filter(|a| **a).count() - force) as i64),
+            n_active_force: Some(force as i64),
+            min_activation: Some(at_points().fold(f64::INFINITY, f64::min)),
+            max_activation: Some(max_activation),
+            max_constraint_velocity: Some(self.max_constraint_velocity()),
+            remark: remark(rms_m, rms_deg, max_activation),
+            ..JobRow::failed(Status::Invalid, String::new())
+        }
+    }
+
+    /// Stationarity and complementarity of the unscaled problem (reactions in newtons).
+    fn unscaled_errors(&self) -> [f64; 2] {
+        let units = &self.problem.units;
+        let largest = |values: &[f64]| values.iter().zip(units).map(|(v, unit)| (v / unit).abs()).fold(0.0, f64::max);
+        let error = self.iterate.kkt_error();
+        let stationarity = largest(&self.iterate.lagrangian_gradient()) / largest(&self.iterate.gradient).max(1e-3);
+        [stationarity, error.complementarity]
+    }
+
+    /// Root mean square of the difference to the measured body coordinates: positions (m) and angles (degrees).
+    fn tracking_rms(&self) -> (f64, f64) {
+        let (mut metres, mut degrees) = (0.0, 0.0);
+        for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
+            for (i, value) in measured.iter().enumerate() {
+                let difference = evaluate(&self.scheme.coordinate_at(t, 0, i), &self.iterate.x) - value;
+                if i % 3 == 2 {
+                    degrees += difference.to_degrees().powi(2);
+                } else {
+                    metres += difference * difference;
+                }
+            }
+        }
+        let angles = (self.measurement.times.len() * self.model().bodies.len()) as f64;
+        ((metres / (2.0 * angles)).sqrt(), (degrees / angles).sqrt())
+    }
+
+    /// max |Φ_q q̇|: the scheme imposes Φ = 0 at the points, not its derivative.
+    fn max_constraint_velocity(&self) -> f64 {
+        let mut worst: f64 = 0.0;
+        for (j, &t) in self.scheme.points.iter().enumerate() {
+            let z = self.problem.local(j, &self.iterate.x);
+            for joint in &self.model().joints {
+                for function in joint.constraints(&z) {
+                    let rate: f64 = joint
+                        .slots()
+                        .iter()
+                        .zip(function.gradient)
+                        .filter_map(|(slot, g)| {
+                            slot.map(|i| g * evaluate(&self.scheme.coordinate_at(t, 1, i), &self.iterate.x))
+                        })
+                        .sum();
+                    worst = worst.max(rate.abs());
+                }
+            }
+        }
+        worst
+    }
+
+    /// ∫a² dt of a spline of degree 1, exact (Simpson's rule on each span).
+    fn integral_of_square(&self, coefficients: &[f64]) -> f64 {
+        self.integrate(|t| self.scheme.state.value(coefficients, t, 0).powi(2))
+    }
+
+    /// ∫ over the motion by Simpson's rule on each span; exact for squares of splines of degree 1.
+    fn integrate(&self, f: impl Fn(f64) -> f64) -> f64 {
+        let breakpoints = self.scheme.breakpoints();
+        breakpoints.windows(2).map(|w| (w[1] - w[0]) / 6.0 * (f(w[0]) + 4.0 * f(0.5 * (w[0] + w[1])) + f(w[1]))).sum()
+    }
+
+    /// Time mean of values at the collocation points, by the trapezoidal rule.
+    fn time_mean(&self, values: &[f64]) -> f64 {
+        let n = values.len();
+        (values.iter().sum::<f64>() - 0.5 * (values[0] + values[n - 1])) / (n - 1) as f64
+    }
+
+    pub fn muscle_rows(&self) -> Vec<MuscleRow> {
+        let locals = self.locals();
+        let instant = &self.problem.instant;
+        let duration = self.scheme.points[self.points() - 1];
+        let idle = crate::solve::idle(self.problem, &self.iterate.x);
+        self.model()
+            .muscles
+            .iter()
+            .enumerate()
+            .map(|(m, muscle)| {
+                let at = instant.muscle(m);
+                let forces: Vec<f64> =
+                    locals.iter().map(|z| muscle.max_isometric_force * instant.fibre_force(z, m)).collect();
+                let velocities: Vec<f64> = locals.iter().map(|z| z[at + VELOCITY]).collect();
+                let coefficients = self.activation_coefficients(m);
+                let mean_force = self.time_mean(&forces);
+                let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let (ringing, direction_changes) = ringing(&velocities);
+                MuscleRow {
+                    muscle: muscle.name.clone(),
+                    mean_activation: self.integrate(|t| self.scheme.state.value(&coefficients, t, 0)) / duration,
+                    peak_activation: largest(&locals.iter().map(|z| z[at + ACTIVATION]).collect::<Vec<_>>()),
+                    mean_force_n: mean_force,
+                    peak_force_n: largest(&forces),
+                    min_force_n: forces.iter().copied().fold(f64::INFINITY, f64::min),
+                    impulse_n_s: mean_force * duration,
+                    idle: idle[m],
+                    ringing,
+                    direction_changes,
+                    peak_fibre_velocity_per_s: velocities.iter().fold(0.0, |a, v| a.max(v.abs())),
+                }
+            })
+            .collect()
+    }
+
+    /// Functions of time at the collocation points, and the measured coordinates at the measured instants.
+    pub fn trajectory_rows(&self) -> Vec<TrajectoryRow> {
+        let (model, instant) = (self.model(), &self.problem.instant);
+        let names = model.body_coordinate_names();
+        let weight = model.weight();
+        let mut rows = Vec::new();
+        let mut push = |time_s: f64, signal: &str, name: &str, value: f64, end_effect: bool| {
+            rows.push(TrajectoryRow { time_s, signal: signal.to_owned(), name: name.to_owned(), value, end_effect });
+        };
+        for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
+            for (i, name) in names.iter().enumerate() {
+                push(t, "measured", name, measured[i], false);
+                push(t, "coordinate", name, evaluate(&self.scheme.coordinate_at(t, 0, i), &self.iterate.x), false);
+            }
+        }
+        for (j, (&t, z)) in self.scheme.points.iter().zip(self.locals()).enumerate() {
+            let end = j < END_POINTS || j + END_POINTS >= self.points();
+            for (i, name) in names.iter().enumerate() {
+                push(t, "acceleration", name, z[instant.acceleration(i)], end);
+            }
+            for (joint, name) in model.joint_coordinates() {
+                push(t, "joint_coordinate", name, joint.coordinate_value(&z).value, false);
+            }
+            for (m, muscle) in model.muscles.iter().enumerate() {
+                let at = instant.muscle(m);
+                push(t, "excitation", &muscle.name, z[at + EXCITATION], false);
+                push(t, "activation", &muscle.name, z[at + ACTIVATION], false);
+                push(t, "fibre_length", &muscle.name, z[at + LENGTH], false);
+                push(t, "fibre_velocity", &muscle.name, z[at + VELOCITY], false);
+                push(t, "force_n", &muscle.name, muscle.max_isometric_force * instant.fibre_force(&z, m), false);
+                for (k, place) in muscle.path.points.iter().enumerate() {
+                    let [x, y] = place.at(&z).position;
+                    push(t, "path_point_m", &format!("{}.{k}.x", muscle.name), x, false);
+                    push(t, "path_point_m", &format!("{}.{k}.y", muscle.name), y, false);
+                }
+            }
+            let mut row = 0;
+            for joint in &model.joints {
+                for k in 0..joint.kind.constraints() {
+                    push(t, "reaction_n", &format!("{}.{k}", joint.name), weight * z[instant.reaction(row)], end);
+                    row += 1;
+                }
+            }
+        }
+        let active = active(&self.iterate.inequalities);
+        for (bound, active) in self.problem.bounds.iter().zip(active) {
+            let kind = match bound.kind {
+                BoundKind::Activation => "activation",
+                BoundKind::Excitation => "excitation",
+                BoundKind::ActivationUpper => "activation_upper",
+                BoundKind::ExcitationUpper => "excitation_upper",
+                BoundKind::Force => "force",
+            };
+            let name = format!("{}.{kind}", model.muscles[bound.muscle].name);
+            push(self.scheme.points[bound.point], "bound_active", &name, f64::from(u8::from(active)), false);
+        }
+        rows
+    }
+}
+
+/// (max |v_{j+1} − 2 v_j + v_{j−1}|/4, share of inner points where v turns)
+fn ringing(velocities: &[f64]) -> (f64, f64) {
+    let inner = velocities.windows(3);
+    let count = inner.len().max(1) as f64;
+    let amplitude = velocities.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).abs() / 4.0).fold(0.0, f64::max);
+    let turns = inner.filter(|w| (w[2] - w[1]) * (w[1] - w[0]) < 0.0).count();
+    (amplitude, turns as f64 / count)
+}
+
+/// A solver that converged has not failed, but a user should know when the muscles cannot do the motion.
+fn remark(rms_m: f64, rms_deg: f64, max_activation: f64) -> Option<String> {
+    let mut remarks = Vec::new();
+    if rms_m > LARGE_ERROR_M || rms_deg > LARGE_ERROR_DEG {
+        remarks.push(format!("the motion is missed by {rms_m:.3} m and {rms_deg:.1}° (RMS)"));
+    }
+    if max_activation > 1.0 + 1e-6 {
+        remarks.push(format!("an activation of {max_activation:.2} exceeds 1"));
+    }
+    let weak = "the muscles may be too weak for this motion";
+    (!remarks.is_empty()).then(|| format!("{}: {weak}", remarks.join(", ")))
+}
+
+/// Whether moving along `direction` changes the force of any muscle at any collocation point.
+pub fn moves_load(problem: &Collocation<'_>, x: &[f64], direction: &[f64], threshold: f64) -> bool {
+    let instant = &problem.instant;
+    (0..problem.layout.times.len()).any(|j| {
+        let z = problem.local(j, x);
+        let dz = problem.local(j, direction);
+        instant.model.muscles.iter().enumerate().any(|(m, muscle)| {
+            let at = instant.muscle(m);
+            let force = muscle.fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]);
+            let change: f64 = force.gradient.iter().zip(&dz[at..at + 3]).map(|(g, d)| g * d).sum();
+            change.abs() > threshold
+        })
+    })
+}

@@ -1,0 +1,341 @@
+//! One job to its outcome, the whole pipeline on one screen: measure, transcribe, guess, solve, polish, rank,
+//! report. Pure: no disk, no printing, one thread.
+
+use std::time::{Duration, Instant as Clock};
+
+use rand::{RngExt, SeedableRng};
+
+use crate::guess::start_guess;
+use crate::model::Model;
+use crate::motion::{Measurement, MotionSettings, MotionTable};
+use crate::nlp::iterate::Iterate;
+use crate::nlp::polish::{ACTIVE, active, polish};
+use crate::nlp::regularity;
+use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus};
+use crate::outcome::{IterationRow, JobRow, MatrixRank, Outcome, RegularityRow, SpectrumRow, Status};
+use crate::solution::{self, Solution};
+use crate::study::settings::{LoadSharingGrid, RegularityMode, Settings};
+use crate::transcription::collocation::{BoundKind, Collocation, Combination};
+use crate::transcription::instant::{ACTIVATION, Instant};
+use crate::transcription::midpoint::{Initial, Midpoint};
+use crate::transcription::prediction::Setting;
+
+/// Objectives closer than this (relative) with the same idle muscles are one optimum.
+const SAME_OPTIMUM: f64 = 1e-6;
+/// A null direction (of length 1) that moves a normalised muscle force by more than this moves loads.
+const MOVES_LOAD: f64 = 1e-6;
+
+/// Solves one job on `points` collocation points.
+pub fn solve(model: &Model, table: &MotionTable, settings: &Settings, points: usize) -> Outcome {
+    let clock = Clock::now();
+    let mut outcome = solve_timed(model, table, settings, points, clock);
+    outcome.job.wall_s = Some(clock.elapsed().as_secs_f64());
+    outcome
+}
+
+fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: usize, clock: Clock) -> Outcome {
+    let measurement = match motion_settings(settings).measure(table, model, points) {
+        Ok(measurement) => measurement,
+        Err((time, gap)) => {
+            return Outcome::failed(
+                Status::Infeasible,
+                format!(
+                    "the joints cannot be closed at t = {time:.4} s: `{}` stays {:.3e} m or rad apart, and no small \
+                     change of the pose reduces the gap (slope {:.1e}); check the lengths of the bodies in this loop",
+                    gap.joint, gap.gap, gap.slope
+                ),
+            );
+        }
+    };
+    let instant = Instant::new(model);
+    let duration = table.duration() * settings.time_scale;
+    let scheme = Midpoint::new(&instant, points, duration);
+    let problem = transcribe(&instant, &scheme, &measurement, settings);
+    let Some(guess) = start_guess(&instant, &scheme, &measurement) else {
+        return Outcome::failed(Status::NonFinite, "the start guess by inverse dynamics is not finite");
+    };
+
+    let sqp_settings = SqpSettings {
+        max_iterations: settings.max_iterations,
+        deadline: settings.time_limit_s.map(|limit| clock + Duration::from_secs_f64(limit)),
+        ..SqpSettings::default()
+    };
+    let solved = Clock::now();
+    let runs: Vec<SqpOutcome> = (0..settings.starts)
+        .map(|k| sqp::solve(&problem, disturb(&guess, &scheme, model, settings.seed, k), sqp_settings))
+        .collect();
+    let solve_s = solved.elapsed().as_secs_f64();
+    let best = best(&runs);
+    let run = &runs[best];
+    if run.status == SqpStatus::NonFinite {
+        return Outcome::failed(Status::NonFinite, "a function or derivative is not finite along the way");
+    }
+
+    let ranked = Clock::now();
+    let polished = polished(&problem, &run.iterate, sqp_settings.tolerance);
+    let point = polished.as_ref().unwrap_or(&run.iterate);
+    let solution = Solution { problem: &problem, scheme: &scheme, measurement: &measurement, iterate: point };
+    let mut outcome = Outcome {
+        job: JobRow {
+            status: run.status.into(),
+            error: reason(run),
+            n_starts: Some(settings.starts as i64),
+            n_converged_starts: Some(runs.iter().filter(|r| r.status == SqpStatus::Converged).count() as i64),
+            n_distinct_optima: Some(distinct_optima(&problem, &runs) as i64),
+            iterations: Some(run.iterations() as i64),
+            polished: Some(polished.is_some()),
+            solve_s: Some(solve_s),
+            ..solution.job_row()
+        },
+        muscles: solution.muscle_rows(),
+        ..Outcome::default()
+    };
+    if settings.trajectories {
+        outcome.trajectories = solution.trajectory_rows();
+    }
+    outcome.iterations = iteration_rows(&problem, run, settings.regularity == RegularityMode::EveryIteration);
+    if settings.regularity != RegularityMode::Off {
+        let setting = Setting {
+            shares_load: settings.mu > 0.0,
+            at_collocation_points_only: settings.load_sharing_grid == LoadSharingGrid::Collocation
+                || settings.measurement_ratio == 1,
+        };
+        if let Some((row, spectrum)) = regularity_rows(&problem, &scheme, point, setting) {
+            (outcome.regularity, outcome.spectrum) = (Some(row), spectrum);
+        }
+    }
+    outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
+    outcome
+}
+
+fn motion_settings(settings: &Settings) -> MotionSettings {
+    MotionSettings {
+        measurement_ratio: settings.measurement_ratio,
+        smoothing_hz: settings.smoothing_hz,
+        noise_sd: settings.noise_sd,
+        seed: settings.seed,
+        time_scale: settings.time_scale,
+        changes: settings.motion.clone(),
+    }
+}
+
+/// The problem of eq. (26): tracking of all body coordinates at the measured instants, and μ a.
+pub fn transcribe<'m>(
+    instant: &Instant<'m>,
+    scheme: &Midpoint,
+    measurement: &Measurement,
+    settings: &Settings,
+) -> Collocation<'m> {
+    let model = instant.model;
+    let mut rows: Vec<Combination> = Vec::new();
+    let mut data = Vec::new();
+    for (&t, q) in measurement.times.iter().zip(&measurement.coordinates) {
+        for (i, &value) in q.iter().enumerate() {
+            rows.push(scheme.coordinate_at(t, 0, i));
+            data.push(value);
+        }
+    }
+    if settings.mu > 0.0 {
+        let instants = match settings.load_sharing_grid {
+            LoadSharingGrid::Measurement => &measurement.times,
+            LoadSharingGrid::Collocation => &scheme.points,
+        };
+        for &t in instants {
+            for m in 0..model.muscles.len() {
+                rows.push(scheme.activation_at(t, m).into_iter().map(|(i, w)| (i, settings.mu * w)).collect());
+                data.push(0.0);
+            }
+        }
+    }
+    Collocation::new(instant.clone(), scheme.layout(instant), &rows, data, &settings.bounds.kinds())
+}
+
+/// Start k: the guess itself for k = 0; else its fibre lengths given a random alternation and its activations
+/// a random factor and offset, seeded by (seed, k).
+pub fn disturb(guess: &[f64], scheme: &Midpoint, model: &Model, seed: u64, k: usize) -> Vec<f64> {
+    let mut x = guess.to_vec();
+    if k == 0 {
+        return x;
+    }
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(k as u64);
+    for m in 0..model.muscles.len() {
+        let alternation: f64 = rng.random_range(-0.05..0.05);
+        let (factor, offset): (f64, f64) = (rng.random_range(0.2..2.0), rng.random_range(0.0..0.15));
+        for c in 0..scheme.state.dimension() {
+            let sign = if c % 2 == 0 { 1.0 } else { -1.0 };
+            x[scheme.length_index(c, m)] += sign * alternation + rng.random_range(-0.02..0.02);
+            let a = &mut x[scheme.activation_index(c, m)];
+            *a = (factor * *a + offset + rng.random_range(-0.05..0.05)).clamp(0.0, 1.0);
+        }
+        x[scheme.initial_index(Initial::Length, m)] = x[scheme.length_index(0, m)];
+        x[scheme.initial_index(Initial::Activation, m)] = x[scheme.activation_index(0, m)];
+        for j in 0..scheme.points.len() {
+            x[scheme.excitation_index(j, m)] = x[scheme.activation_index(j, m)];
+        }
+    }
+    x
+}
+
+/// The converged run of lowest objective; if none converged, the first.
+fn best(runs: &[SqpOutcome]) -> usize {
+    let converged = runs.iter().enumerate().filter(|(_, run)| run.status == SqpStatus::Converged);
+    converged.min_by(|a, b| a.1.iterate.objective.total_cmp(&b.1.iterate.objective)).map_or(0, |(k, _)| k)
+}
+
+/// Number of optima among the converged runs: objectives more than 1e-6 relative, or idle sets, apart.
+fn distinct_optima(problem: &Collocation<'_>, runs: &[SqpOutcome]) -> usize {
+    let mut optima: Vec<(f64, Vec<bool>)> = Vec::new();
+    for run in runs.iter().filter(|run| run.status == SqpStatus::Converged) {
+        let (objective, idle) = (run.iterate.objective, idle(problem, &run.iterate.x));
+        let same = |other: &(f64, Vec<bool>)| {
+            (other.0 - objective).abs() <= SAME_OPTIMUM * objective.abs().max(other.0.abs()) && other.1 == idle
+        };
+        if !optima.iter().any(same) {
+            optima.push((objective, idle));
+        }
+    }
+    optima.len()
+}
+
+/// Which muscles have |a| ≤ 1e-8 at every collocation point.
+pub fn idle(problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
+    let muscles = problem.instant.model.muscles.len();
+    let mut idle = vec![true; muscles];
+    for point in 0..problem.layout.times.len() {
+        let z = problem.local(point, x);
+        for (m, idle) in idle.iter_mut().enumerate() {
+            *idle &= z[problem.instant.muscle(m) + ACTIVATION].abs() <= ACTIVE;
+        }
+    }
+    idle
+}
+
+/// The solution with active bounds exactly on their value, if that keeps it a solution.
+fn polished(problem: &Collocation<'_>, iterate: &Iterate, tolerance: f64) -> Option<Iterate> {
+    let mut x = polish(problem, &iterate.x, &active(&iterate.inequalities))?;
+    // An idle muscle is put to exactly 0 where a ≥ 0 is not imposed, too.
+    for (m, idle) in idle(problem, &x).into_iter().enumerate() {
+        if idle {
+            let at = problem.instant.muscle(m) + ACTIVATION;
+            let indices: Vec<usize> =
+                problem.layout.points.iter().flat_map(|map| map[at].iter().map(|&(index, _)| index)).collect();
+            indices.into_iter().for_each(|index| {
+                if x[index].abs() <= ACTIVE {
+                    x[index] = 0.0;
+                }
+            });
+        }
+    }
+    let mut polished = Iterate::new(problem, x);
+    polished.equality_multipliers.clone_from(&iterate.equality_multipliers);
+    polished.inequality_multipliers.clone_from(&iterate.inequality_multipliers);
+    (polished.kkt_error().largest() <= tolerance.max(iterate.kkt_error().largest())).then_some(polished)
+}
+
+fn reason(run: &SqpOutcome) -> Option<String> {
+    let error = run.iterate.kkt_error();
+    let residuals = format!(
+        "stationarity {:.1e}, feasibility {:.1e}, complementarity {:.1e}",
+        error.stationarity, error.feasibility, error.complementarity
+    );
+    let reason = match run.status {
+        SqpStatus::Converged => return None,
+        SqpStatus::IterationLimit => format!("stopped after {} SQP iterations; raise max_iterations", run.iterations()),
+        SqpStatus::TimeLimit => "the time limit of the job passed; raise time_limit_s".to_owned(),
+        SqpStatus::QpFailed => "the quadratic sub-problem could not be solved".to_owned(),
+        SqpStatus::Stalled => "no step is accepted any more".to_owned(),
+        SqpStatus::Infeasible => "the constraints contradict each other near the last iterate".to_owned(),
+        SqpStatus::NonFinite => "a function or derivative is not finite".to_owned(),
+    };
+    Some(format!("{reason} ({residuals})"))
+}
+
+/// Rows of `iterate`'s inequalities that are active, those of f_m ≥ 0 apart.
+fn active_rows(problem: &Collocation<'_>, iterate: &Iterate) -> (Vec<usize>, Vec<usize>) {
+    let active = active(&iterate.inequalities);
+    (0..active.len()).filter(|&row| active[row]).partition(|&row| problem.bounds[row].kind != BoundKind::Force)
+}
+
+fn iteration_rows(problem: &Collocation<'_>, run: &SqpOutcome, ranks: bool) -> Vec<IterationRow> {
+    let solution = &run.iterate.x;
+    run.trace
+        .iter()
+        .enumerate()
+        .map(|(iteration, record)| {
+            let deficiencies = ranks
+                .then(|| {
+                    let iterate = Iterate::new(problem, record.x.clone());
+                    regularity::deficiencies(problem, &iterate, &active_rows(problem, &iterate).0)
+                })
+                .flatten();
+            let distance = record.x.iter().zip(solution).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
+            IterationRow {
+                iteration: iteration as i64,
+                objective: record.objective,
+                stationarity: record.error.stationarity,
+                feasibility: record.error.feasibility,
+                complementarity: record.error.complementarity,
+                step_norm: record.step_norm,
+                distance_to_solution: distance,
+                qp_iterations: record.qp_iterations as i64,
+                deficiency_a: deficiencies.map(|d| d.0 as i64),
+                deficiency_aj: deficiencies.map(|d| d.1 as i64),
+            }
+        })
+        .collect()
+}
+
+/// Ranks at a polished point, beside what the pattern of active bounds predicts.
+fn regularity_rows(
+    problem: &Collocation<'_>,
+    scheme: &Midpoint,
+    point: &Iterate,
+    setting: Setting,
+) -> Option<(RegularityRow, Vec<SpectrumRow>)> {
+    let (bounds, force) = active_rows(problem, point);
+    let found = regularity::analyse(problem, point, &bounds)?;
+    let with_force = if force.is_empty() {
+        (found.a.deficiency, found.aj.deficiency)
+    } else {
+        let mut all = bounds.clone();
+        all.extend(&force);
+        regularity::deficiencies(problem, point, &all)?
+    };
+    let predicted = scheme.predict(problem, &point.x, &bounds, setting);
+    let row = |spectrum: &regularity::Spectrum, size: usize, predicted: Option<usize>| MatrixRank {
+        size: size as i64,
+        rank: spectrum.rank.rank as i64,
+        deficiency: spectrum.deficiency as i64,
+        predicted: predicted.map(|p| p as i64),
+        tolerance: spectrum.rank.tolerance,
+        sigma_max: spectrum.sigma_max(),
+        sigma_last_kept: spectrum.last_kept(),
+        sigma_first_dropped: spectrum.first_dropped(),
+    };
+    let agrees = |spectrum: &regularity::Spectrum, predicted: usize| {
+        spectrum.deficiency == predicted || (spectrum.is_ambiguous() && spectrum.could_be(predicted))
+    };
+    let spectrum = [("a", &found.a), ("aj", &found.aj)]
+        .into_iter()
+        .flat_map(|(matrix, spectrum)| {
+            spectrum.around_cut().map(move |(index, value)| SpectrumRow {
+                matrix: matrix.to_owned(),
+                index: index as i64,
+                value,
+            })
+        })
+        .collect();
+    let regularity = RegularityRow {
+        a: row(&found.a, found.a.rank.rows, predicted.a),
+        aj: row(&found.aj, found.aj.rank.columns, predicted.aj),
+        deficiency_a_with_force: Some(with_force.0 as i64),
+        deficiency_aj_with_force: Some(with_force.1 as i64),
+        ambiguous: found.a.is_ambiguous() || found.aj.is_ambiguous(),
+        prediction_agrees: predicted.a.zip(predicted.aj).map(|(a, aj)| agrees(&found.a, a) && agrees(&found.aj, aj)),
+        unique: found.a.deficiency == 0 && found.aj.deficiency == 0,
+        loads_unique: !found.null_directions.iter().any(|d| solution::moves_load(problem, &point.x, d, MOVES_LOAD)),
+    };
+    Some((regularity, spectrum))
+}
+

@@ -1,0 +1,95 @@
+//! Table 1 of the thesis, beside results: which of its twelve numbers come out.
+//!
+//! Source: M. Lund Ohlsson, licentiate thesis 41, Mid Sweden University 2009, Paper B, Table 1 (numbers only; printed there
+//! negative). The caption names h = 0.1 and h = 0.2, but an idle muscle costs p − 1 in A: 5 at h = 0.2 and 10 at h = 0.1, so
+//! the numbers belong to h = 0.2.
+
+use std::collections::BTreeMap;
+
+use crate::tables::Table;
+
+/// (load-sharing grid, bounds, deficiency of A, of [Aᵀ Jᵀ])
+pub const THESIS: [(&str, &str, i64, i64); 6] = [
+    ("measurement", "activation", 0, 1),
+    ("measurement", "excitation", 0, 0),
+    ("measurement", "both", 10, 2),
+    ("collocation", "activation", 0, 6),
+    ("collocation", "excitation", 0, 2),
+    ("collocation", "both", 6, 1),
+];
+
+/// The thesis' numbers for one case, if it is one of Table 1.
+pub fn thesis(grid: &str, bounds: &str) -> Option<(i64, i64)> {
+    THESIS.iter().find(|(g, b, ..)| *g == grid && *b == bounds).map(|&(_, _, a, aj)| (a, aj))
+}
+
+/// One case as found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    pub job: usize,
+    pub status: String,
+    pub deficiencies: Option<(i64, i64)>,
+    pub predicted: Option<(i64, i64)>,
+    pub ambiguous: bool,
+}
+
+/// All cases of one arm and mesh: the values of the other axes, and the cells by (grid, bounds).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Group {
+    pub others: Vec<(String, String)>,
+    pub cells: BTreeMap<(String, String), Cell>,
+}
+
+impl Group {
+    /// How many of the twelve numbers are the thesis'.
+    pub fn matches(&self) -> usize {
+        THESIS
+            .iter()
+            .filter_map(|&(grid, bounds, a, aj)| {
+                let found = self.cells.get(&(grid.to_owned(), bounds.to_owned()))?.deficiencies?;
+                Some(usize::from(found.0 == a) + usize::from(found.1 == aj))
+            })
+            .sum()
+    }
+}
+
+/// The groups of a study that sweeps `load_sharing_grid` and `bounds`, in the order of its jobs; empty for others.
+pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<Group> {
+    let needed = ["load_sharing_grid", "bounds"];
+    if !needed.iter().all(|name| axes.iter().any(|axis| axis == name)) {
+        return Vec::new();
+    }
+    // A sample's other columns say no more than its number.
+    let sampled = axes.iter().any(|axis| axis == crate::study::sweep::SAMPLE);
+    let key = |axis: &String| {
+        !needed.contains(&axis.as_str()) && (!sampled || axis == "sample" || !axis.contains('.'))
+    };
+    let rank_rows: BTreeMap<&str, usize> =
+        (0..regularity.rows()).filter_map(|row| Some((regularity.text("job_id", row)?, row))).collect();
+    let mut groups: Vec<Group> = Vec::new();
+    let mut place: BTreeMap<Vec<(String, String)>, usize> = BTreeMap::new();
+    for row in 0..jobs.rows() {
+        let others: Vec<(String, String)> =
+            axes.iter().filter(|a| key(a)).map(|a| (a.clone(), jobs.display(a, row).unwrap_or_default())).collect();
+        let (Some(grid), Some(bounds), Some(id)) =
+            (jobs.text("load_sharing_grid", row), jobs.text("bounds", row), jobs.text("job_id", row))
+        else {
+            continue;
+        };
+        let rank = rank_rows.get(id).copied();
+        let pair = |a: &str, aj: &str| rank.and_then(|r| regularity.integer(a, r).zip(regularity.integer(aj, r)));
+        let cell = Cell {
+            job: row,
+            status: jobs.text("status", row).unwrap_or_default().to_owned(),
+            deficiencies: pair("deficiency_a", "deficiency_aj"),
+            predicted: pair("predicted_deficiency_a", "predicted_deficiency_aj"),
+            ambiguous: rank.and_then(|r| regularity.flag("ambiguous", r)).unwrap_or(false),
+        };
+        let at = *place.entry(others.clone()).or_insert_with(|| {
+            groups.push(Group { others, cells: BTreeMap::new() });
+            groups.len() - 1
+        });
+        groups[at].cells.insert((grid.to_owned(), bounds.to_owned()), cell);
+    }
+    groups
+}

@@ -1,0 +1,240 @@
+//! The columns of every table: the only list of them.
+
+use super::{Table, Values};
+use crate::outcome::{JobRow, MatrixRank, Outcome, RegularityRow};
+use crate::study::Job;
+use crate::study::settings::Value;
+
+/// Version of names, types and meanings of the columns.
+pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
+
+/// Names of the tables, which are the file names without `.parquet`.
+pub const TABLES: [&str; 6] = ["jobs", "regularity", "iterations", "muscles", "spectrum", "trajectories"];
+
+/// All tables of a study from its finished jobs, in the order of the study.
+pub fn tables(finished: &[(&Job, &Outcome)]) -> Vec<Table> {
+    vec![
+        jobs(finished),
+        regularity(finished),
+        iterations(finished),
+        muscles(finished),
+        spectrum(finished),
+        trajectories(finished),
+    ]
+}
+
+/// Columns that are times taken: two runs of one study may differ in these only.
+pub const TIMINGS: [&str; 3] = ["solve_s", "rank_s", "wall_s"];
+
+fn numbers<R>(rows: &[R], f: impl Fn(&R) -> Option<f64>) -> Values {
+    Values::Number(rows.iter().map(f).collect())
+}
+
+fn integers<R>(rows: &[R], f: impl Fn(&R) -> Option<i64>) -> Values {
+    Values::Integer(rows.iter().map(f).collect())
+}
+
+fn flags<R>(rows: &[R], f: impl Fn(&R) -> Option<bool>) -> Values {
+    Values::Flag(rows.iter().map(f).collect())
+}
+
+fn texts<R>(rows: &[R], f: impl Fn(&R) -> Option<String>) -> Values {
+    Values::Text(rows.iter().map(f).collect())
+}
+
+fn table(name: &'static str, columns: Vec<(&str, Values)>) -> Table {
+    Table { name, columns: columns.into_iter().map(|(name, values)| (name.to_owned(), values)).collect() }
+}
+
+/// The type of a swept column is that of its values: numbers, whole numbers, flags or texts.
+fn swept(values: &[&Value]) -> Values {
+    if values.iter().all(|v| matches!(v, Value::Integer(_))) {
+        integers(values, |v| if let Value::Integer(i) = v { Some(*i) } else { None })
+    } else if values.iter().all(|v| v.number().is_some()) {
+        numbers(values, |v| v.number())
+    } else if values.iter().all(|v| matches!(v, Value::Flag(_))) {
+        flags(values, |v| if let Value::Flag(f) = v { Some(*f) } else { None })
+    } else {
+        texts(values, |v| Some(v.to_string()))
+    }
+}
+
+fn jobs(rows: &[(&Job, &Outcome)]) -> Table {
+    let mut jobs = table(
+        "jobs",
+        vec![
+            ("job_id", texts(rows, |(job, _)| Some(job.id.clone()))),
+            ("index", integers(rows, |(job, _)| Some(job.index as i64))),
+        ],
+    );
+    if let Some((first, _)) = rows.first() {
+        for (axis, (name, _)) in first.swept.iter().enumerate() {
+            let values: Vec<&Value> = rows.iter().map(|(job, _)| &job.swept[axis].1).collect();
+            jobs.columns.push((name.clone(), swept(&values)));
+        }
+    }
+    let number = |f: fn(&JobRow) -> Option<f64>| numbers(rows, |(_, o)| f(&o.job));
+    let integer = |f: fn(&JobRow) -> Option<i64>| integers(rows, |(_, o)| f(&o.job));
+    let rest = vec![
+        ("status", texts(rows, |(_, o)| Some(o.job.status.name().to_owned()))),
+        ("error", texts(rows, |(_, o)| o.job.error.clone())),
+        ("remark", texts(rows, |(_, o)| o.job.remark.clone())),
+        ("iterations", integer(|j| j.iterations)),
+        ("objective", number(|j| j.objective)),
+        ("effort", number(|j| j.effort)),
+        ("tracking_rms_m", number(|j| j.tracking_rms_m)),
+        ("tracking_rms_deg", number(|j| j.tracking_rms_deg)),
+        ("n_starts", integer(|j| j.n_starts)),
+        ("n_converged_starts", integer(|j| j.n_converged_starts)),
+        ("n_distinct_optima", integer(|j| j.n_distinct_optima)),
+        ("stationarity", number(|j| j.stationarity)),
+        ("feasibility", number(|j| j.feasibility)),
+        ("complementarity", number(|j| j.complementarity)),
+        ("n_variables", integer(|j| j.n_variables)),
+        ("n_equalities", integer(|j| j.n_equalities)),
+        ("n_active", integer(|j| j.n_active)),
+        ("n_active_force", integer(|j| j.n_active_force)),
+        ("min_activation", number(|j| j.min_activation)),
+        ("max_activation", number(|j| j.max_activation)),
+        ("max_constraint_velocity", number(|j| j.max_constraint_velocity)),
+        ("polished", flags(rows, |(_, o)| o.job.polished)),
+        ("warm_start_from", texts(rows, |(_, o)| o.job.warm_start_from.clone())),
+        ("solve_s", number(|j| j.solve_s)),
+        ("rank_s", number(|j| j.rank_s)),
+        ("wall_s", number(|j| j.wall_s)),
+    ];
+    jobs.columns.extend(rest.into_iter().map(|(name, values)| (name.to_owned(), values)));
+    jobs
+}
+
+fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
+    let rows: Vec<(&str, &RegularityRow)> =
+        finished.iter().filter_map(|(job, o)| Some((job.id.as_str(), o.regularity.as_ref()?))).collect();
+    let matrix = |pick: fn(&RegularityRow) -> &MatrixRank, f: fn(&MatrixRank) -> Option<i64>| {
+        integers(&rows, |(_, r)| f(pick(r)))
+    };
+    let value = |pick: fn(&RegularityRow) -> &MatrixRank, f: fn(&MatrixRank) -> Option<f64>| {
+        numbers(&rows, |(_, r)| f(pick(r)))
+    };
+    let (a, aj): (fn(&RegularityRow) -> &MatrixRank, fn(&RegularityRow) -> &MatrixRank) = (|r| &r.a, |r| &r.aj);
+    table(
+        "regularity",
+        vec![
+            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("rows_a", matrix(a, |m| Some(m.size))),
+            ("rank_a", matrix(a, |m| Some(m.rank))),
+            ("deficiency_a", matrix(a, |m| Some(m.deficiency))),
+            ("predicted_deficiency_a", matrix(a, |m| m.predicted)),
+            ("columns_aj", matrix(aj, |m| Some(m.size))),
+            ("rank_aj", matrix(aj, |m| Some(m.rank))),
+            ("deficiency_aj", matrix(aj, |m| Some(m.deficiency))),
+            ("predicted_deficiency_aj", matrix(aj, |m| m.predicted)),
+            ("deficiency_a_with_force", integers(&rows, |(_, r)| r.deficiency_a_with_force)),
+            ("deficiency_aj_with_force", integers(&rows, |(_, r)| r.deficiency_aj_with_force)),
+            ("tolerance_a", value(a, |m| Some(m.tolerance))),
+            ("tolerance_aj", value(aj, |m| Some(m.tolerance))),
+            ("sigma_max_a", value(a, |m| m.sigma_max)),
+            ("sigma_max_aj", value(aj, |m| m.sigma_max)),
+            ("sigma_last_kept_a", value(a, |m| m.sigma_last_kept)),
+            ("sigma_last_kept_aj", value(aj, |m| m.sigma_last_kept)),
+            ("sigma_first_dropped_a", value(a, |m| m.sigma_first_dropped)),
+            ("sigma_first_dropped_aj", value(aj, |m| m.sigma_first_dropped)),
+            ("ambiguous", flags(&rows, |(_, r)| Some(r.ambiguous))),
+            ("prediction_agrees", flags(&rows, |(_, r)| r.prediction_agrees)),
+            ("unique", flags(&rows, |(_, r)| Some(r.unique))),
+            ("loads_unique", flags(&rows, |(_, r)| Some(r.loads_unique))),
+        ],
+    )
+}
+
+/// (job id, row) of every row of one kind.
+fn each<'o, R>(finished: &[(&'o Job, &'o Outcome)], rows: fn(&'o Outcome) -> &'o Vec<R>) -> Vec<(&'o str, &'o R)> {
+    finished.iter().flat_map(|(job, outcome)| rows(outcome).iter().map(move |row| (job.id.as_str(), row))).collect()
+}
+
+fn iterations(finished: &[(&Job, &Outcome)]) -> Table {
+    let rows = each(finished, |o| &o.iterations);
+    table(
+        "iterations",
+        vec![
+            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("iteration", integers(&rows, |(_, r)| Some(r.iteration))),
+            ("objective", numbers(&rows, |(_, r)| Some(r.objective))),
+            ("stationarity", numbers(&rows, |(_, r)| Some(r.stationarity))),
+            ("feasibility", numbers(&rows, |(_, r)| Some(r.feasibility))),
+            ("complementarity", numbers(&rows, |(_, r)| Some(r.complementarity))),
+            ("step_norm", numbers(&rows, |(_, r)| Some(r.step_norm))),
+            ("distance_to_solution", numbers(&rows, |(_, r)| Some(r.distance_to_solution))),
+            ("qp_iterations", integers(&rows, |(_, r)| Some(r.qp_iterations))),
+            ("deficiency_a", integers(&rows, |(_, r)| r.deficiency_a)),
+            ("deficiency_aj", integers(&rows, |(_, r)| r.deficiency_aj)),
+        ],
+    )
+}
+
+fn muscles(finished: &[(&Job, &Outcome)]) -> Table {
+    let rows = each(finished, |o| &o.muscles);
+    table(
+        "muscles",
+        vec![
+            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("muscle", texts(&rows, |(_, r)| Some(r.muscle.clone()))),
+            ("mean_activation", numbers(&rows, |(_, r)| Some(r.mean_activation))),
+            ("peak_activation", numbers(&rows, |(_, r)| Some(r.peak_activation))),
+            ("mean_force_n", numbers(&rows, |(_, r)| Some(r.mean_force_n))),
+            ("peak_force_n", numbers(&rows, |(_, r)| Some(r.peak_force_n))),
+            ("impulse_n_s", numbers(&rows, |(_, r)| Some(r.impulse_n_s))),
+            ("min_force_n", numbers(&rows, |(_, r)| Some(r.min_force_n))),
+            ("idle", flags(&rows, |(_, r)| Some(r.idle))),
+            ("ringing", numbers(&rows, |(_, r)| Some(r.ringing))),
+            ("direction_changes", numbers(&rows, |(_, r)| Some(r.direction_changes))),
+            ("peak_fibre_velocity_per_s", numbers(&rows, |(_, r)| Some(r.peak_fibre_velocity_per_s))),
+        ],
+    )
+}
+
+fn spectrum(finished: &[(&Job, &Outcome)]) -> Table {
+    let rows = each(finished, |o| &o.spectrum);
+    table(
+        "spectrum",
+        vec![
+            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("matrix", texts(&rows, |(_, r)| Some(r.matrix.clone()))),
+            ("index", integers(&rows, |(_, r)| Some(r.index))),
+            ("value", numbers(&rows, |(_, r)| Some(r.value))),
+        ],
+    )
+}
+
+fn trajectories(finished: &[(&Job, &Outcome)]) -> Table {
+    let rows = each(finished, |o| &o.trajectories);
+    table(
+        "trajectories",
+        vec![
+            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("time_s", numbers(&rows, |(_, r)| Some(r.time_s))),
+            ("signal", texts(&rows, |(_, r)| Some(r.signal.clone()))),
+            ("name", texts(&rows, |(_, r)| Some(r.name.clone()))),
+            ("value", numbers(&rows, |(_, r)| Some(r.value))),
+            ("end_effect", flags(&rows, |(_, r)| Some(r.end_effect))),
+        ],
+    )
+}
+
+/// Unit of a column, for the file metadata.
+pub fn unit(column: &str) -> &'static str {
+    let by_ending = [
+        ("_per_s", "optimal fibre lengths/s"),
+        ("_n_s", "N s"),
+        ("_n", "N"),
+        ("_deg", "degree"),
+        ("_m", "m"),
+        ("_s", "s"),
+    ];
+    match column {
+        "effort" | "h" => "s",
+        "max_constraint_velocity" => "m/s, rad/s",
+        "ringing" => "optimal fibre lengths/s",
+        _ => by_ending.iter().find(|(ending, _)| column.ends_with(ending)).map_or("1", |(_, unit)| unit),
+    }
+}
