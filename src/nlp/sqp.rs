@@ -38,7 +38,7 @@ pub struct SqpSettings {
 
 impl Default for SqpSettings {
     fn default() -> Self {
-        Self { tolerance: 3e-10, max_iterations: 300, deadline: None }
+        Self { tolerance: 8e-10, max_iterations: 300, deadline: None }
     }
 }
 
@@ -98,6 +98,8 @@ const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
 const CORRECTIONS: usize = 4;
 const LARGEST_LEAP: f64 = 300.0;
+/// No leap when the KKT error is within this factor of the tolerance: no further out than it takes.
+const NEAR: f64 = 30.0;
 const RESTORATIONS: usize = 60;
 
 /// A trial point that was accepted.
@@ -211,6 +213,7 @@ impl Sqp<'_> {
                 && step.is_settled()
                 && damping <= 1e-5
                 && error.largest() < 0.1
+                && error.largest() > NEAR * self.settings.tolerance
                 && !self.leapt;
             self.leapt = leaps && self.leap(&step, &mut accepted.trial);
             if accepted.verdict == Verdict::Progress {
