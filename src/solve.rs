@@ -147,7 +147,8 @@ pub fn transcribe<'m>(
             }
         }
     }
-    Collocation::new(instant.clone(), scheme.layout(instant), &rows, data, &settings.bounds.kinds())
+    let activation_weight = 2.5 * settings.mu.max(1e-2).powi(2);
+    Collocation::new(instant.clone(), scheme.layout(instant), &rows, data, &settings.bounds.kinds(), activation_weight)
 }
 
 /// Start k: the guess itself for k = 0; else its fibre lengths given a random alternation and its activations

@@ -6,14 +6,19 @@
 //! The Hessian need only be positive definite where the active constraints vanish; if it is not, the damping δ grows.
 
 use super::iterate::Iterate;
-use super::kkt::{Kkt, KktValues};
+use super::kkt::{Kkt, KktValues, Rows};
 use crate::numerics::sparse::Sparse;
 
-const ROUNDS: usize = 16;
-/// From this round on, one row changes at a time.
-const CAREFUL: usize = 8;
+const ROUNDS: usize = 12;
+/// A linear system solved worse than this (relative) is one of contradicting constraints.
+const ACCURACY: f64 = 1e-6;
+/// From this round on, more than so many wrong rows are too many.
+const PATIENCE: usize = 4;
+const NEARLY: usize = 4;
 pub const SMALLEST_DAMPING: f64 = 1e-13;
 const LARGEST_DAMPING: f64 = 1e8;
+/// Above this, guessing gives up: the convexified problem serves better.
+const EXACT_DAMPING: f64 = 1e0;
 const RAISE: f64 = 5.0;
 
 /// The step and multipliers of the sub-problem.
@@ -43,6 +48,12 @@ pub enum NoStep {
     Unsettled,
     /// No damping made the Hessian positive definite, or the linear system could not be solved.
     Singular,
+}
+
+/// The next larger δ.
+pub fn raise(damping: &mut f64) -> Result<(), NoStep> {
+    *damping = (RAISE * *damping).max(SMALLEST_DAMPING);
+    if *damping > LARGEST_DAMPING { Err(NoStep::Singular) } else { Ok(()) }
 }
 
 /// Solves the sub-problem at `here` from the guess `active`. `damping` is raised as far as the inertia asks for and
@@ -77,19 +88,20 @@ pub fn solve(
                 damping: *damping,
                 equalities: &here.equality_jacobian,
                 inequalities: &here.inequality_jacobian,
-                active: &active,
+                rows: Rows::Active(&active),
             });
             factorisations += 1;
             if inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
                 break;
             }
-            *damping = (RAISE * *damping).max(SMALLEST_DAMPING);
-            if *damping > LARGEST_DAMPING {
+            raise(damping)?;
+            if *damping > EXACT_DAMPING {
                 return Err(NoStep::Singular);
             }
         }
         let accuracy = kkt.solve(&right, &mut solution);
-        if accuracy.is_nan() || accuracy > 1e-6 {
+        let consistent = accuracy <= ACCURACY;
+        if !consistent && kkt.solve_regularised(&right, &mut solution).is_nan() {
             return Err(NoStep::Singular);
         }
         let (direction, multipliers) = (&solution[..n], &solution[n + me..]);
@@ -97,9 +109,17 @@ pub fn solve(
         here.inequality_jacobian.add_product(1.0, direction, &mut slack);
         let scale = multipliers.iter().map(|y| y.abs()).fold(0.0, f64::max);
         // Positive: how wrong the guess is for this row.
-        let wrong = |row: usize| if active[row] { multipliers[row] / scale.max(1e-300) - 1e-10 } else { -slack[row] - 1e-10 };
-        let mut worst: Vec<(f64, usize)> =
+        let wrong = |row: usize| match active[row] {
+            true => multipliers[row] / scale.max(1e-300) - 1e-10,
+            // Nothing joins rows that already contradict each other.
+            false if consistent => -slack[row] - 1e-10,
+            false => 0.0,
+        };
+        let worst: Vec<(f64, usize)> =
             (0..active.len()).map(|row| (wrong(row), row)).filter(|(by, _)| *by > 0.0).collect();
+        if worst.is_empty() && !consistent {
+            return Err(NoStep::Singular);
+        }
         if worst.is_empty() {
             return Ok(Step {
                 direction: direction.to_vec(),
@@ -110,9 +130,8 @@ pub fn solve(
                 factorisations,
             });
         }
-        if round >= CAREFUL {
-            worst.sort_by(|a, b| b.0.total_cmp(&a.0));
-            worst.truncate(1);
+        if round >= PATIENCE && worst.len() > NEARLY {
+            return Err(NoStep::Unsettled);
         }
         worst.iter().for_each(|&(_, row)| active[row] = !active[row]);
     }

@@ -7,7 +7,8 @@
 //! ```
 //!
 //! A: equalities, B: inequalities. Rows of inequalities that are not active are replaced by `−1` on the diagonal, so
-//! that the pattern, and with it the symbolic factorisation, serves every active set.
+//! that the pattern, and with it the symbolic factorisation, serves every active set; an interior-point method puts its
+//! weights there instead.
 //!
 //! Factorised stage by stage in time ([`StagedLdl`]) with pivoting. The tiny ε keeps dependent constraints from making
 //! the matrix singular; iterative refinement takes it out again. By Sylvester's law the signs of the pivots tell
@@ -29,7 +30,7 @@ pub struct Kkt {
     /// The exact matrix: no ε.
     matrix: Sparse,
     /// The same with ε, as factorised.
-    regularised: Vec<f64>,
+    regularised: Sparse,
     hessian_slots: Vec<usize>,
     equality_slots: Vec<usize>,
     inequality_slots: Vec<usize>,
@@ -48,7 +49,27 @@ pub struct KktValues<'a> {
     pub damping: f64,
     pub equalities: &'a Sparse,
     pub inequalities: &'a Sparse,
-    pub active: &'a [bool],
+    pub rows: Rows<'a>,
+}
+
+/// What becomes of the inequality rows.
+#[derive(Clone, Copy, Debug)]
+pub enum Rows<'a> {
+    /// Equations for the active ones, nothing for the others.
+    Active(&'a [bool]),
+    /// All kept, with `−weight` on the diagonal.
+    Weighted(&'a [f64]),
+}
+
+impl Rows<'_> {
+    /// Whether the row stays in the matrix, and its diagonal entry.
+    fn row(&self, row: usize) -> (bool, f64) {
+        match self {
+            Rows::Active(active) if active[row] => (true, 0.0),
+            Rows::Active(_) => (false, -1.0),
+            Rows::Weighted(weights) => (true, -weights[row]),
+        }
+    }
 }
 
 impl Kkt {
@@ -79,7 +100,7 @@ impl Kkt {
             inequality_slots: inequalities.entries().map(|(i, j, _)| pattern.slot(j, n + me + i)).collect(),
             diagonal_slots: (0..order).map(|i| pattern.slot(i, i)).collect(),
             active: vec![false; mi],
-            regularised: vec![0.0; matrix.values.len()],
+            regularised: matrix.clone(),
             factors: StagedLdl::new(&matrix, &stage),
             matrix,
             residual: vec![0.0; order],
@@ -103,19 +124,20 @@ impl Kkt {
             matrix[slot] = values.equalities.values[k];
         }
         for (k, (row, _, _)) in values.inequalities.entries().enumerate() {
-            if values.active[row] {
+            if values.rows.row(row).0 {
                 matrix[self.inequality_slots[k]] = values.inequalities.values[k];
             }
         }
-        self.active.copy_from_slice(values.active);
-        for (row, &active) in values.active.iter().enumerate() {
-            matrix[self.diagonal_slots[n + me + row]] = if active { 0.0 } else { -1.0 };
+        for row in 0..self.active.len() {
+            let (kept, diagonal) = values.rows.row(row);
+            self.active[row] = kept;
+            matrix[self.diagonal_slots[n + me + row]] = diagonal;
         }
-        self.regularised.copy_from_slice(matrix);
+        self.regularised.values.copy_from_slice(matrix);
         for (i, &slot) in self.diagonal_slots.iter().enumerate() {
-            self.regularised[slot] += if i < n { PRIMAL } else { -DUAL };
+            self.regularised.values[slot] += if i < n { PRIMAL } else { -DUAL };
         }
-        self.factors.factorise(&self.regularised)
+        self.factors.factorise(&self.regularised.values)
     }
 
     /// Whether the last inertia is that of a matrix positive definite on the null space of the active rows.
@@ -124,8 +146,19 @@ impl Kkt {
     }
 
     /// Solves for `solution` with iterative refinement; entries of `right_hand_side` in rows that are not active are
-    /// ignored. Returns the residual's largest entry relative to that of the right-hand side.
+    /// ignored. Returns the residual's largest entry relative to that of the right-hand side: large where the active
+    /// constraints contradict each other.
     pub fn solve(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        self.refine(right_hand_side, solution, false)
+    }
+
+    /// [`Kkt::solve`] with ε left in. Where active constraints contradict each other this has a solution, with large
+    /// multipliers whose signs tell which of them to let go.
+    pub fn solve_regularised(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        self.refine(right_hand_side, solution, true)
+    }
+
+    fn refine(&mut self, right_hand_side: &[f64], solution: &mut [f64], regularised: bool) -> f64 {
         let n = self.variables + self.equalities;
         let right = |i: usize, active: &[bool]| if i < n || active[i - n] { right_hand_side[i] } else { 0.0 };
         let scale = (0..self.order()).map(|i| right(i, &self.active).abs()).fold(0.0, f64::max).max(1e-300);
@@ -135,7 +168,8 @@ impl Kkt {
             for i in 0..self.order() {
                 self.residual[i] = right(i, &self.active);
             }
-            self.matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
+            let matrix = if regularised { &self.regularised } else { &self.matrix };
+            matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
             let size = self.residual.iter().map(|r| r.abs()).fold(0.0, f64::max) / scale;
             if size.is_nan() || size >= 0.5 * best {
                 if size < best {

@@ -2,6 +2,7 @@
 
 pub mod active_set;
 pub mod filter;
+pub mod interior_point;
 pub mod iterate;
 pub mod kkt;
 pub mod polish;

@@ -2,7 +2,7 @@
 //! a bound at 1e-9 instead of 0 miscount.
 
 use super::iterate::Iterate;
-use super::kkt::{Kkt, KktValues};
+use super::kkt::{Kkt, KktValues, Rows};
 use super::problem::Problem;
 
 /// A bound is active when its slack is at most this, by value; weakly active bounds included.
@@ -48,7 +48,7 @@ pub fn polish(problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f
             damping: 0.0,
             equalities: &here.equality_jacobian,
             inequalities: &here.inequality_jacobian,
-            active,
+            rows: Rows::Active(active),
         })?;
         kkt.solve(&right, &mut solution);
         here.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);

@@ -34,8 +34,8 @@ pub trait Problem: Sync {
     /// ∂c/∂x and ∂d/∂x into matrices of the given patterns.
     fn jacobians(&self, x: &[f64], equalities: &mut Sparse, inequalities: &mut Sparse);
 
-    /// Upper triangle of ∇²ₓₓ L(x, λ, ν), JᵀJ included.
-    fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, out: &mut Sparse);
+    /// Upper triangle of ∇²ₓₓ L(x, λ, ν), JᵀJ included; or a positive semidefinite matrix near it.
+    fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, curvature: Curvature, out: &mut Sparse);
 
     /// Upper triangle, in the Hessian's pattern, of the positive semidefinite matrix that measures steps: what
     /// counts as a large change of each variable at `x`.
@@ -47,4 +47,12 @@ pub trait Problem: Sync {
 pub struct Multipliers<'a> {
     pub equalities: &'a [f64],
     pub inequalities: &'a [f64],
+}
+
+/// Which Hessian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Curvature {
+    Exact,
+    /// Negative curvature left out, block by block.
+    Convex,
 }

@@ -20,10 +20,11 @@
 use std::time::Instant;
 
 use super::active_set::{self, SMALLEST_DAMPING, Step};
+use super::interior_point;
 use super::filter::{Filter, Verdict};
 use super::iterate::{Iterate, KktError};
-use super::kkt::{Kkt, KktValues};
-use super::problem::{Multipliers, Problem};
+use super::kkt::{Kkt, KktValues, Rows};
+use super::problem::{Curvature, Multipliers, Problem};
 use super::qp::{QpFailure, QuadraticProgramme};
 use crate::numerics::sparse::Sparse;
 
@@ -99,7 +100,9 @@ const SMALLEST_FRACTION: f64 = 0.05;
 const CORRECTIONS: usize = 4;
 const LARGEST_LEAP: f64 = 300.0;
 /// No leap when the KKT error is within this factor of the tolerance: no further out than it takes.
-const NEAR: f64 = 30.0;
+const NEAR: f64 = 3.0;
+/// How far the interior point may raise δ for the exact Hessian.
+const MOST: f64 = 0.1;
 const RESTORATIONS: usize = 60;
 
 /// A trial point that was accepted.
@@ -114,6 +117,8 @@ struct Sqp<'p> {
     settings: SqpSettings,
     kkt: Kkt,
     hessian: Sparse,
+    /// A positive semidefinite matrix near the Hessian.
+    convex: Sparse,
     metric: Sparse,
     /// JᵀJ
     gauss_newton: Sparse,
@@ -131,13 +136,14 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
     let [equalities, inequalities, pattern] = problem.patterns();
     let mut gauss_newton = pattern.clone();
     let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
-    problem.hessian(&start, Multipliers { equalities: &no_lambda, inequalities: &no_nu }, &mut gauss_newton);
+    problem.hessian(&start, Multipliers { equalities: &no_lambda, inequalities: &no_nu }, Curvature::Exact, &mut gauss_newton);
     let here = Iterate::new(problem, start);
     let solver = Sqp {
         problem,
         settings,
         kkt: Kkt::new(pattern, equalities, inequalities, problem.stages()),
         hessian: pattern.clone(),
+        convex: pattern.clone(),
         metric: pattern.clone(),
         gauss_newton,
         filter: Filter::new(here.violation()),
@@ -189,7 +195,8 @@ impl Sqp<'_> {
 
     /// One step from `here` to the next point.
     fn iterate(&mut self, error: KktError, record: &mut Record) -> Result<(), SqpStatus> {
-        self.problem.hessian(&self.here.x, self.here.multipliers(), &mut self.hessian);
+        self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Exact, &mut self.hessian);
+        self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Convex, &mut self.convex);
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
         for attempt in 0..ATTEMPTS {
@@ -215,7 +222,7 @@ impl Sqp<'_> {
                 && error.largest() < 0.1
                 && error.largest() > NEAR * self.settings.tolerance
                 && !self.leapt;
-            self.leapt = leaps && self.leap(&step, &mut accepted.trial);
+            self.leapt = leaps && self.leap(&step, error, &mut accepted.trial);
             if accepted.verdict == Verdict::Progress {
                 self.filter.add(before);
             }
@@ -230,11 +237,23 @@ impl Sqp<'_> {
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
         if let Some(guess) = &self.active {
-            let found =
-                active_set::solve(&mut self.kkt, &self.here, &self.hessian, &self.metric, damping, guess);
+            let mut exact = *damping;
+            let found = active_set::solve(&mut self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
             if let Ok(step) = found {
                 self.factorisations += step.factorisations;
+                *damping = exact;
                 return Ok(step);
+            }
+            // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
+            // Hessian if little δ makes it positive definite, else with the convex one.
+            for (hessian, most) in [(&self.hessian, MOST), (&self.convex, f64::INFINITY)] {
+                let mut delta = *damping;
+                let found = interior_point::solve(&mut self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
+                if let Ok(step) = found {
+                    self.factorisations += step.factorisations;
+                    *damping = delta;
+                    return Ok(step);
+                }
             }
         }
         let mut hessian = self.gauss_newton.clone();
@@ -320,7 +339,7 @@ impl Sqp<'_> {
             damping,
             equalities: &self.here.equality_jacobian,
             inequalities: &self.here.inequality_jacobian,
-            active: &step.active,
+            rows: Rows::Active(&step.active),
         })?;
         self.factorisations += 1;
         let mut trial = trial.clone();
@@ -352,10 +371,11 @@ impl Sqp<'_> {
     }
 
     /// Tries multiples of a settled step; see the module. Whether `trial` was moved.
-    fn leap(&mut self, step: &Step, trial: &mut Iterate) -> bool {
+    fn leap(&mut self, step: &Step, error: KktError, trial: &mut Iterate) -> bool {
         let mut moved = false;
         let mut multiple = 4.0;
-        while multiple < LARGEST_LEAP {
+        let largest = if error.largest() > 100.0 * self.settings.tolerance { LARGEST_LEAP } else { 5.0 };
+        while multiple < largest {
             let mut far = self.at(&step.direction, multiple);
             self.reduce_violation(&mut far);
             self.reduce_violation(&mut far);

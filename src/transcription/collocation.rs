@@ -11,7 +11,7 @@
 //! Patterns and the place of each product in them are worked out once.
 
 use super::instant::{ACTIVATION, EXCITATION, Instant, InstantMultipliers, LENGTH, VELOCITY};
-use crate::nlp::problem::{Multipliers, Problem};
+use crate::nlp::problem::{Curvature, Multipliers, Problem};
 use crate::numerics::sparse::{Pattern, Sparse};
 
 /// Σ weight · x[index]
@@ -77,6 +77,8 @@ pub struct Collocation<'m> {
     hessian_scatter: Vec<Scatter>,
     /// Slots of the force rows: point by point, muscle by muscle, (entry 0–2, slot, factor).
     force_scatter: Vec<Scatter>,
+    /// Weight of a step in activation beside one in q, see [`Problem::metric`].
+    activation_weight: f64,
     /// Factor of each variable's unit: X = unit · x. The weight W for reactions, else 1.
     pub units: Vec<f64>,
 }
@@ -89,6 +91,7 @@ impl<'m> Collocation<'m> {
         residual_rows: &[Combination],
         residual_data: Vec<f64>,
         kinds: &[BoundKind],
+        activation_weight: f64,
     ) -> Self {
         let n = layout.variables;
         let triplets: Vec<(usize, usize, f64)> = residual_rows
@@ -227,6 +230,7 @@ impl<'m> Collocation<'m> {
             jacobian_scatter,
             hessian_scatter,
             force_scatter,
+            activation_weight,
             units,
         }
     }
@@ -335,7 +339,7 @@ impl Problem for Collocation<'_> {
         }
     }
 
-    fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, out: &mut Sparse) {
+    fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, curvature: Curvature, out: &mut Sparse) {
         let (nz, rows) = (self.instant.variables(), self.instant.equations());
         let initial = self.layout.initial.len();
         out.values.copy_from_slice(&self.gram);
@@ -351,14 +355,18 @@ impl Problem for Collocation<'_> {
             let equations = &multipliers.equalities[initial + point * rows..initial + (point + 1) * rows];
             let z = self.local(point, x);
             self.instant.hessian(&z, InstantMultipliers { equations, force: &force }, &mut local);
+            if curvature == Curvature::Convex {
+                self.instant.convexify(&mut local);
+            }
             for &(entry, slot, weight) in &self.hessian_scatter[point] {
                 out.values[slot as usize] += weight * local[entry as usize];
             }
         }
     }
 
-    /// Weights of the local variables: 1 for q (m, rad) and fibre length, 0.1 for activation, 0.01 for excitation; a
-    /// fibre velocity is measured against `b3 v_max + |v|`, the scale on which the force–velocity curve bends.
+    /// Weights of the local variables: 1 for q (m, rad); for the muscles' w = 2.5 μ², as the objective does: w for
+    /// activation, 10 w for fibre length, w/10 for excitation; a fibre velocity is measured against `b3 v_max + |v|`, the scale
+    /// on which the force–velocity curve bends.
     fn metric(&self, x: &[f64], out: &mut Sparse) {
         let nz = self.instant.variables();
         let nq = self.instant.model.coordinates();
@@ -371,7 +379,9 @@ impl Problem for Collocation<'_> {
                 let at = self.instant.muscle(m);
                 let bend = muscle.force_velocity.shortening * muscle.max_shortening_velocity;
                 let velocity = 1.0 / (bend + z[at + VELOCITY].abs());
-                let weights = [(ACTIVATION, 0.1), (LENGTH, 1.0), (VELOCITY, 0.1 * velocity * velocity), (EXCITATION, 0.01)];
+                let w = self.activation_weight;
+                let weights =
+                    [(ACTIVATION, w), (LENGTH, 10.0 * w), (VELOCITY, w * velocity * velocity), (EXCITATION, 0.1 * w)];
                 for (k, weight) in weights {
                     local[(at + k) * nz + at + k] = weight;
                 }

@@ -22,6 +22,7 @@
 //! the force is positive that is an invertible row operation, so ranks are the same, and the stiff tendon no longer
 //! spoils the conditioning.
 
+use nalgebra::DMatrix;
 use num_dual::Dual64;
 
 use crate::model::Model;
@@ -301,6 +302,32 @@ impl<'m> Instant<'m> {
         }
     }
 
+    /// Makes a local Hessian positive semidefinite: the blocks of the body coordinates and of each muscle keep their
+    /// positive curvature only, what couples them is left out.
+    pub fn convexify(&self, hessian: &mut [f64]) {
+        let nz = self.variables();
+        let mut convex = vec![0.0; nz * nz];
+        let mut keep = |places: &[usize]| {
+            let block = DMatrix::from_fn(places.len(), places.len(), |i, j| hessian[places[i] * nz + places[j]]);
+            let eigen = block.symmetric_eigen();
+            for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+                if *value > 0.0 {
+                    for (i, &row) in places.iter().enumerate() {
+                        for (j, &column) in places.iter().enumerate() {
+                            convex[row * nz + column] += value * vector[i] * vector[j];
+                        }
+                    }
+                }
+            }
+        };
+        keep(&(0..self.nq).collect::<Vec<_>>());
+        for m in 0..self.nm {
+            let at = self.muscle(m);
+            keep(&[at + ACTIVATION, at + LENGTH, at + VELOCITY, at + EXCITATION]);
+        }
+        hessian.copy_from_slice(&convex);
+    }
+
     /// Every (row, local variable) where the Jacobian can be non-zero.
     pub fn jacobian_pattern(&self) -> Vec<(usize, usize)> {
         let [constraint_row, contraction_row, activation_row] = self.row_starts();
@@ -333,9 +360,9 @@ impl<'m> Instant<'m> {
         pattern
     }
 
-    /// Every ordered pair of local variables where the Hessian can be non-zero, and the diagonal.
+    /// Every ordered pair of local variables where the Hessian, exact or convexified, can be non-zero, and the diagonal.
     pub fn hessian_pattern(&self) -> Vec<(usize, usize)> {
-        let mut pattern = self.coordinate_pairs();
+        let mut pattern: Vec<(usize, usize)> = (0..self.nq).flat_map(|i| (0..self.nq).map(move |j| (i, j))).collect();
         pattern.extend((0..self.variables()).map(|i| (i, i)));
         let both = |pattern: &mut Vec<(usize, usize)>, i: usize, j: usize| pattern.extend([(i, j), (j, i)]);
         let mut row = 0;
@@ -353,7 +380,7 @@ impl<'m> Instant<'m> {
                 muscle.path.slots.iter().for_each(|&coordinate| both(&mut pattern, coordinate, at + k));
                 (0..k).for_each(|other| both(&mut pattern, at + k, at + other));
             }
-            both(&mut pattern, at + ACTIVATION, at + EXCITATION);
+            [ACTIVATION, LENGTH, VELOCITY].iter().for_each(|k| both(&mut pattern, at + k, at + EXCITATION));
         }
         pattern.sort_unstable();
         pattern.dedup();
