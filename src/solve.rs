@@ -72,7 +72,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
     }
 
     let ranked = Clock::now();
-    let polished = polished(&problem, &run.iterate, sqp_settings.tolerance);
+    let polished = polished(&problem, &run.iterate, sqp_settings.target);
     let point = polished.as_ref().unwrap_or(&run.iterate);
     let solution = Solution { problem: &problem, scheme: &scheme, measurement: &measurement, iterate: point };
     let mut outcome = Outcome {

@@ -2,16 +2,20 @@
 //!
 //! ```text
 //! repeat
-//!     sub-problem   min ∇fᵀ d + ½ dᵀ (∇²L + δ D) d   s.t.  c + A d = 0,  d(x) + B d ≥ 0
-//!                   by its active set, from the last one (active_set); by Clarabel with JᵀJ + δ D where that does not settle
+//!     sub-problem   min ∇fᵀ d + ½ dᵀ (H + δ D) d   s.t.  c + A d = 0,  d(x) + B d ≥ 0
+//!                   1. H = ∇²L, by its active set, from the last one (active_set)
+//!                   2. where that does not settle: H = ∇²L, by an interior point (interior_point)
+//!                   3. where that needs a large δ: H = ∇²L without its negative curvature, likewise
+//!                   4. at first and where all else fails: H = JᵀJ, by Clarabel (qp)
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
-//!     on failure    raise δ; then restore feasibility; then give up as `stalled` or `infeasible`
+//!     on failure    raise δ; then restore feasibility (by Clarabel); then give up as `stalled` or `infeasible`
 //! ```
 //!
-//! δ D is a proximal term in the problem's own metric D. It is raised until ∇²L + δ D is positive definite on the
+//! δ D is a proximal term in the problem's own metric D. It is raised until H + δ D is positive definite on the
 //! null space of the active constraints (known from the factorisation's inertia) and falls by five after each full step,
-//! so that the last steps are Newton's and converge quadratically.
+//! so that the last steps are Newton's and converge quadratically. Far from a solution the convexified Hessian is the
+//! better model: a δ that covers all negative curvature shortens every step, leaving it out only those along it.
 //!
 //! Why the leap: the force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its
 //! optimum at infinite fibre velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries 4, 16, 64, … and
@@ -32,6 +36,8 @@ use crate::numerics::sparse::Sparse;
 pub struct SqpSettings {
     /// All three KKT residuals of the scaled problem must come below this.
     pub tolerance: f64,
+    /// Iterations go on to this as long as they help.
+    pub target: f64,
     pub max_iterations: usize,
     /// Gives up as `TimeLimit` when this is past.
     pub deadline: Option<Instant>,
@@ -39,7 +45,7 @@ pub struct SqpSettings {
 
 impl Default for SqpSettings {
     fn default() -> Self {
-        Self { tolerance: 8e-10, max_iterations: 300, deadline: None }
+        Self { tolerance: 1e-8, target: 8e-10, max_iterations: 300, deadline: None }
     }
 }
 
@@ -90,6 +96,8 @@ impl SqpOutcome {
     }
 }
 
+/// Iterations that do not halve the KKT error before a point within the tolerance is good enough.
+const PATIENCE: usize = 15;
 const FIRST_DAMPING: f64 = 1e-2;
 /// Δ of the proximal term in Clarabel's sub-problem.
 const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e1);
@@ -158,7 +166,8 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
 
 impl Sqp<'_> {
     fn run(mut self) -> SqpOutcome {
-        let mut trace = Vec::new();
+        let mut trace: Vec<Record> = Vec::new();
+        let (mut halved, mut since) = (f64::INFINITY, 0);
         let status = loop {
             let error = self.here.kkt_error();
             trace.push(Record {
@@ -168,7 +177,11 @@ impl Sqp<'_> {
                 step_norm: 0.0,
                 qp_iterations: 0,
             });
-            if let Some(status) = self.is_over(error, trace.len() - 1) {
+            if error.largest() < 0.5 * halved {
+                (halved, since) = (error.largest(), trace.len() - 1);
+            }
+            let creeps = trace.len() - 1 - since >= PATIENCE;
+            if let Some(status) = self.is_over(error, trace.len() - 1, creeps) {
                 break status;
             }
             let record = trace.last_mut().expect("just pushed");
@@ -179,10 +192,11 @@ impl Sqp<'_> {
         SqpOutcome { status, iterate: self.here, trace, factorisations: self.factorisations }
     }
 
-    fn is_over(&self, error: KktError, iteration: usize) -> Option<SqpStatus> {
+    fn is_over(&self, error: KktError, iteration: usize, creeps: bool) -> Option<SqpStatus> {
+        let enough = if creeps { self.settings.tolerance } else { self.settings.target };
         if !self.here.is_finite() || error.largest().is_nan() {
             Some(SqpStatus::NonFinite)
-        } else if error.largest() <= self.settings.tolerance {
+        } else if error.largest() <= enough {
             Some(SqpStatus::Converged)
         } else if iteration >= self.settings.max_iterations {
             Some(SqpStatus::IterationLimit)
@@ -220,7 +234,7 @@ impl Sqp<'_> {
                 && step.is_settled()
                 && damping <= 1e-5
                 && error.largest() < 0.1
-                && error.largest() > NEAR * self.settings.tolerance
+                && error.largest() > NEAR * self.settings.target
                 && !self.leapt;
             self.leapt = leaps && self.leap(&step, error, &mut accepted.trial);
             if accepted.verdict == Verdict::Progress {
@@ -374,7 +388,7 @@ impl Sqp<'_> {
     fn leap(&mut self, step: &Step, error: KktError, trial: &mut Iterate) -> bool {
         let mut moved = false;
         let mut multiple = 4.0;
-        let largest = if error.largest() > 100.0 * self.settings.tolerance { LARGEST_LEAP } else { 5.0 };
+        let largest = if error.largest() > 100.0 * self.settings.target { LARGEST_LEAP } else { 5.0 };
         while multiple < largest {
             let mut far = self.at(&step.direction, multiple);
             self.reduce_violation(&mut far);
@@ -417,7 +431,7 @@ impl Sqp<'_> {
             self.here.equality_jacobian.add_transpose_product(1.0, &self.here.equalities, &mut gradient);
             let slope = gradient.iter().fold(0.0f64, |a, g| a.max(g.abs()));
             let size = self.here.equalities.iter().fold(0.0f64, |a, c| a.max(c.abs()));
-            if slope <= 1e-7 * size && size > 1e3 * self.settings.tolerance {
+            if slope <= 1e-7 * size && size > 10.0 * self.settings.tolerance {
                 return Err(SqpStatus::Infeasible);
             }
             let mut rows: Vec<(usize, usize, f64)> = Vec::new();

@@ -1,0 +1,88 @@
+//! The transcribed problem's derivatives against differences, at random points near the start guess.
+
+use rand::{RngExt, SeedableRng};
+use sinew::guess::start_guess;
+use sinew::nlp::iterate::Iterate;
+use sinew::nlp::problem::{Curvature, Multipliers, Problem};
+use sinew::numerics::sparse::Sparse;
+use sinew::solve::transcribe;
+use sinew::study::settings::Bounds;
+
+use super::support::{model, motion, prepare, settings};
+
+fn dense(matrix: &Sparse) -> Vec<Vec<f64>> {
+    let mut rows = vec![vec![0.0; matrix.columns]; matrix.rows];
+    matrix.entries().for_each(|(i, j, slot)| rows[i][j] += matrix.values[slot]);
+    rows
+}
+
+#[test]
+fn jacobians_and_hessian_of_the_whole_problem_agree_with_differences() {
+    for (model_name, motion_name, points) in [("arm.toml", "arm_curl.csv", 4), ("pedal.toml", "pedal_turn.csv", 3)] {
+        let model = model(model_name);
+        let table = motion(motion_name, &model);
+        let (instant, scheme, measurement) = prepare(&model, &table, points);
+        let settings = settings(|s| s.bounds = Bounds::ExcitationBoxed);
+        let problem = transcribe(&instant, &scheme, &measurement, &settings);
+        let guess = start_guess(&instant, &scheme, &measurement).unwrap();
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+        let mut here = Iterate::new(&problem, guess.iter().map(|x| x + rng.random_range(-0.02..0.02)).collect());
+        here.equality_multipliers.iter_mut().for_each(|l| *l = rng.random_range(-1.0..1.0));
+        here.inequality_multipliers.iter_mut().for_each(|l| *l = rng.random_range(0.0..1.0));
+        let (a, b) = (dense(&here.equality_jacobian), dense(&here.inequality_jacobian));
+        let [_, _, pattern] = problem.patterns();
+        let mut hessian = pattern.clone();
+        problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
+        let hessian = dense(&hessian);
+        for k in 0..here.x.len() {
+            let e = 1e-6;
+            let shifted = |s: f64| {
+                let mut there = here.clone();
+                there.x[k] += s;
+                there.evaluate(&problem);
+                there.differentiate(&problem);
+                there
+            };
+            let (low, high) = (shifted(-e), shifted(e));
+            let check = |exact: f64, low: f64, high: f64, what: &str, tolerance: f64| {
+                let difference = (high - low) / (2.0 * e);
+                assert!(
+                    (difference - exact).abs() < tolerance * (1.0 + exact.abs()),
+                    "{model_name} {what} by {k}: {difference} and {exact}"
+                );
+            };
+            check(here.gradient[k], low.objective, high.objective, "objective", 1e-6);
+            (0..a.len()).for_each(|i| check(a[i][k], low.equalities[i], high.equalities[i], "equality", 2e-5));
+            (0..b.len()).for_each(|i| check(b[i][k], low.inequalities[i], high.inequalities[i], "inequality", 2e-5));
+            // ∇L = ∇f + Aᵀλ − Bᵀν: the sign convention, tested.
+            let (g_low, g_high) = (low.lagrangian_gradient(), high.lagrangian_gradient());
+            for i in 0..here.x.len() {
+                check(hessian[i.min(k)][i.max(k)], g_low[i], g_high[i], "Lagrangian gradient", 1e-3);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_convexified_hessian_is_positive_semidefinite_and_above_the_gauss_newton_one() {
+    let model = model("arm.toml");
+    let table = motion("arm_curl.csv", &model);
+    let (instant, scheme, measurement) = prepare(&model, &table, 4);
+    let problem = transcribe(&instant, &scheme, &measurement, &settings(|_| ()));
+    let guess = start_guess(&instant, &scheme, &measurement).unwrap();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+    let lambda: Vec<f64> = (0..problem.equalities()).map(|_| rng.random_range(-1.0..1.0)).collect();
+    let nu = vec![0.1; problem.inequalities()];
+    let [_, _, pattern] = problem.patterns();
+    let smallest = |curvature| {
+        let mut hessian = pattern.clone();
+        let multipliers = Multipliers { equalities: &lambda, inequalities: &nu };
+        problem.hessian(&guess, multipliers, curvature, &mut hessian);
+        let n = hessian.columns;
+        let rows = dense(&hessian);
+        let full = faer::Mat::from_fn(n, n, |i, j| rows[i.min(j)][i.max(j)]);
+        full.self_adjoint_eigenvalues(faer::Side::Lower).unwrap()[0]
+    };
+    assert!(smallest(Curvature::Convex) > -1e-9);
+    assert!(smallest(Curvature::Exact) < -1e-3, "random multipliers give negative curvature");
+}

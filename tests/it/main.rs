@@ -1,0 +1,12 @@
+//! All integration tests, one binary.
+
+mod analytic;
+mod architecture;
+mod bad_input;
+mod cli;
+mod derivatives;
+mod engine;
+mod other_readers;
+mod recheck;
+mod regularity;
+mod support;

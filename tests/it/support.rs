@@ -1,0 +1,81 @@
+//! What several tests need: the shipped models, studies on the fly, a folder that goes away.
+
+use std::path::{Path, PathBuf};
+
+use sinew::error::SourceFile;
+use sinew::model::Model;
+use sinew::model::file::ModelFile;
+use sinew::motion::{MotionSettings, MotionTable};
+use sinew::study::Study;
+use sinew::study::settings::Settings;
+use sinew::transcription::instant::Instant;
+use sinew::transcription::midpoint::Midpoint;
+
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+pub fn model(name: &str) -> Model {
+    let path = root().join("data/models").join(name);
+    ModelFile::load(&SourceFile::read(&path).unwrap()).unwrap().1
+}
+
+pub fn motion(name: &str, model: &Model) -> MotionTable {
+    MotionTable::load(&root().join("data/motions").join(name), model).unwrap()
+}
+
+/// A folder with a study (and what else `files` says) in it; the text may use {root}.
+pub fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        let text = text.replace("{root}", root().to_str().unwrap());
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+pub fn study(folder: &tempfile::TempDir) -> (PathBuf, Study) {
+    let path = folder.path().join("study.toml");
+    let study = Study::load(&path).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)));
+    (path, study)
+}
+
+/// Settings with h = 0.2 and what `change` makes of them.
+pub fn settings(change: impl FnOnce(&mut Settings)) -> Settings {
+    let mut settings = Settings { h: 0.2, ..Settings::default() };
+    change(&mut settings);
+    settings
+}
+
+/// Measurement and scheme of a motion on `points` points.
+pub fn prepare<'m>(
+    model: &'m Model,
+    table: &MotionTable,
+    points: usize,
+) -> (Instant<'m>, Midpoint, sinew::motion::Measurement) {
+    let motion_settings = MotionSettings {
+        measurement_ratio: 2,
+        smoothing_hz: 0.0,
+        noise_sd: 0.0,
+        seed: 1,
+        time_scale: 1.0,
+        changes: Vec::new(),
+    };
+    let measurement = motion_settings.measure(table, model, points).unwrap();
+    let instant = Instant::new(model);
+    let scheme = Midpoint::new(&instant, points, table.duration());
+    (instant, scheme, measurement)
+}
+
+/// The study of the tests of the engine: quick, two axes.
+pub const SMALL: &str = r#"
+name = "small"
+model = "{root}/data/models/arm.toml"
+motion = "{root}/data/motions/arm_curl.csv"
+[base]
+h = 0.2
+regularity = "optimum"
+[sweep.grid]
+mu = [0.1, 0.2, 0.4]
+bounds = ["activation", "both"]
+"#;
