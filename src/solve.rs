@@ -40,9 +40,11 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
             return Outcome::failed(
                 Status::Infeasible,
                 format!(
-                    "the joints cannot be closed at t = {time:.4} s: `{}` stays {:.3e} m or rad apart, and no small \
-                     change of the pose reduces the gap (slope {:.1e}); check the lengths of the bodies in this loop",
-                    gap.joint, gap.gap, gap.slope
+                    "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small \
+                     change of the pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
+                    gap.joints.join(", "),
+                    gap.gap,
+                    gap.slope
                 ),
             );
         }

@@ -10,8 +10,8 @@ use super::{Model, joint::PairFunction};
 pub struct CannotAssemble {
     /// max |Φ| at the best pose found, m or rad
     pub gap: f64,
-    /// Name of the joint with the largest gap.
-    pub joint: String,
+    /// Names of the joints that stay open by a tenth of that gap or more.
+    pub joints: Vec<String>,
     /// ‖Φ_qᵀ Φ‖/‖Φ‖ there: near zero certifies that no small change closes the gap.
     pub slope: f64,
 }
@@ -40,14 +40,17 @@ impl Model {
         if gap <= CLOSED {
             return Ok(q);
         }
-        let worst = value.iamax();
         let mut row = 0;
-        let joint = self.joints.iter().find(|joint| {
+        let mut joints = Vec::new();
+        for joint in &self.joints {
+            let rows = value.rows(row, joint.kind.constraints());
+            if rows.amax() >= 0.1 * gap {
+                joints.push(joint.name.clone());
+            }
             row += joint.kind.constraints();
-            worst < row
-        });
+        }
         let slope = (jacobian.transpose() * &value).norm() / value.norm();
-        Err(CannotAssemble { gap, joint: joint.map(|j| j.name.clone()).unwrap_or_default(), slope })
+        Err(CannotAssemble { gap, joints, slope })
     }
 
     /// Levenberg–Marquardt on the conditions, in place, until they hold or cannot be reduced any more.

@@ -1,0 +1,108 @@
+//! Broken files: each gets a message with place and remedy, exit code 2, and no panic.
+
+use super::cli::{sinew, text};
+use super::support::{SMALL, folder, root};
+
+struct Mistake {
+    name: &'static str,
+    study: String,
+    model: Option<String>,
+    motion: Option<(&'static str, String)>,
+    /// What the message must hold: the place, what was found, the remedy.
+    says: &'static [&'static str],
+}
+
+fn study(name: &'static str, from: &str, to: &str, says: &'static [&'static str]) -> Mistake {
+    assert!(SMALL.contains(from), "{name}");
+    Mistake { name, study: SMALL.replace(from, to), model: None, motion: None, says }
+}
+
+fn model(name: &'static str, from: &str, to: &str, says: &'static [&'static str]) -> Mistake {
+    let arm = std::fs::read_to_string(root().join("data/models/arm.toml")).unwrap();
+    assert!(arm.contains(from), "{name}");
+    let study = SMALL.replace("{root}/data/models/arm.toml", "arm.toml");
+    Mistake { name, study, model: Some(arm.replacen(from, to, 1)), motion: None, says }
+}
+
+fn motion(name: &'static str, file: &'static str, text: &str, says: &'static [&'static str]) -> Mistake {
+    let study = SMALL.replace("{root}/data/motions/arm_curl.csv", file);
+    Mistake { name, study, model: None, motion: Some((file, text.to_owned())), says }
+}
+
+fn mistakes() -> Vec<Mistake> {
+    let rows = "0.0,1,2\n0.5,1,2\n0.75,1,2\n1.0,1,2\n";
+    vec![
+        study("unknown key", "[base]\n", "[bse]\n", &["study.toml", "bse", "did you mean `base`"]),
+        study("unknown setting", "regularity", "regularty", &["study.toml:7", "regularty", "did you mean `regularity`"]),
+        study("wrong type", "h = 0.2", "h = \"small\"", &["base.h", "the text \"small\"", "positive time in seconds"]),
+        study("unknown choice", "\"both\"", "\"bth\"", &["sweep.grid.bounds", "bth", "did you mean \"both\""]),
+        study("empty axis", "[0.1, 0.2, 0.4]", "[]", &["sweep.grid.mu", "no value"]),
+        study("h that does not divide", "h = 0.2", "h = 0.3", &["base.h", "does not divide", "0.25 s (4)"]),
+        study(
+            "unknown muscle",
+            "mu = [",
+            "\"muscle.trceps.tendon_slack_length_scale\" = [",
+            &["sweep.grid.muscle.trceps", "no `trceps`", "did you mean `triceps`"],
+        ),
+        study(
+            "a number out of range",
+            "mu = [0.1",
+            "\"muscle.triceps.tendon_slack_length_scale\" = [-0.1",
+            &["tendon_slack_length", "found -", "must be a positive number (m)"],
+        ),
+        study("no such model", "arm.toml", "amr.toml", &["study.toml:3", "does not exist", "arm.toml"]),
+        study("broken TOML", "[base]", "[base", &["study.toml:5"]),
+        study("unknown coordinate", "mu = [", "\"motion.elbw_angle_scale\" = [", &["elbw_angle", "did you mean `elbow_angle`"]),
+        model("unknown model key", "mass =", "mas =", &["arm.toml", "unknown field `mas`", "did you mean `mass`"]),
+        model("negative mass", "mass = ", "mass = -", &["body.upper_arm.mass", "found -", "positive number (kg)"]),
+        model("unknown body", "child = \"forearm\"", "child = \"forarm\"", &["joint.elbow.child", "did you mean `forearm`"]),
+        model("missing key", "name = \"biceps\"\nmax_isometric_force", "name = \"biceps\"\nforce", &["arm.toml", "unknown field `force`"]),
+        motion("no time", "m.csv", &format!("t,shoulder_angle_deg,elbow_angle_deg\n{rows}"), &["m.csv:1", "`t`"]),
+        motion("no unit", "m.csv", &format!("time,shoulder_angle,elbow_angle_deg\n{rows}"), &["m.csv:1", "unit", "_deg or _rad"]),
+        motion(
+            "missing column",
+            "m.csv",
+            "time,elbow_angle_deg\n0,1\n0.5,1\n0.7,1\n1,1\n",
+            &["m.csv", "no column for shoulder_angle"],
+        ),
+        motion("not a number", "m.csv", &format!("time,shoulder_angle_deg,elbow_angle_deg\n{}", rows.replace("0.5,1", "0.5,one")), &["line 3", "`one`"]),
+        motion("time goes back", "m.csv", &format!("time,shoulder_angle_deg,elbow_angle_deg\n{}", rows.replace("0.75", "0.25")), &["line 4", "does not come after"]),
+        motion("no endheader", "m.mot", "inDegrees=yes\ntime elbow_angle\n0 1\n", &["m.mot:1", "endheader"]),
+        motion("no inDegrees", "m.sto", "name\nendheader\ntime elbow_angle\n0 1\n", &["m.sto:1", "inDegrees"]),
+    ]
+}
+
+#[test]
+fn each_mistake_gets_a_message_with_place_and_remedy() {
+    for mistake in mistakes() {
+        let folder = folder(&[("study.toml", &mistake.study)]);
+        if let Some(model) = &mistake.model {
+            std::fs::write(folder.path().join("arm.toml"), model).unwrap();
+        }
+        if let Some((file, motion)) = &mistake.motion {
+            std::fs::write(folder.path().join(file), motion).unwrap();
+        }
+        let run = sinew(&["run", "study.toml"], folder.path());
+        // Lines are wrapped and framed for people: compare without the frame.
+        let message: String =
+            text(&run.stderr).chars().filter(|c| !"│╭╰─╯┬·×".contains(*c)).collect::<String>().split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(run.status.code(), Some(2), "{}: {message}", mistake.name);
+        assert!(!message.contains("panicked"), "{}: {message}", mistake.name);
+        for part in mistake.says {
+            assert!(message.contains(part), "{}: `{part}` is not in: {message}", mistake.name);
+        }
+        assert!(!folder.path().join("results").exists(), "{}: nothing is written", mistake.name);
+    }
+}
+
+#[test]
+fn opensim_tables_are_read_in_any_column_order() {
+    let storage = "Coordinates\nversion=1\nnRows=5\nnColumns=4\ninDegrees=yes\nendheader\n\
+                   time\telbow_angle\tpelvis_tilt\tshoulder_angle\n\
+                   0\t10\t0\t-5\n0.25\t30\t0\t-5\n0.5\t50\t0\t-5\n0.75\t70\t0\t-5\n1.0\t90\t0\t-5\n";
+    let mistake = motion("fine", "m.mot", storage, &[]);
+    let folder = folder(&[("study.toml", &mistake.study), ("m.mot", storage)]);
+    let plan = sinew(&["plan", "study.toml"], folder.path());
+    assert_eq!(plan.status.code(), Some(0), "{}", text(&plan.stderr));
+    assert!(text(&plan.stdout).contains("5 instants"));
+}

@@ -1,0 +1,183 @@
+//! The engine around the solver: threads, panics, resuming, failures as rows.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use sinew::outcome::{Outcome, Status};
+use sinew::run::{RunOptions, run, run_with};
+use sinew::solve::solve;
+use sinew::tables::{Table, Values, read, schema};
+
+use super::support::{SMALL, folder, study};
+
+/// All tables of a folder without the columns that are times taken.
+fn tables(out: &std::path::Path) -> Vec<Table> {
+    schema::TABLES
+        .into_iter()
+        .filter(|name| out.join(format!("{name}.parquet")).exists())
+        .map(|name| {
+            let mut table = read(name, &out.join(format!("{name}.parquet"))).unwrap();
+            table.columns.retain(|(column, _)| !schema::TIMINGS.contains(&column.as_str()));
+            table
+        })
+        .collect()
+}
+
+fn options(out: &std::path::Path, threads: usize) -> RunOptions {
+    RunOptions { out: out.to_owned(), threads: Some(threads), fresh: false }
+}
+
+#[test]
+fn one_and_four_threads_give_identical_tables() {
+    let folder = folder(&[("study.toml", &SMALL.replace("[sweep.grid]", "trajectories = true\n[sweep.grid]"))]);
+    let (_, study) = study(&folder);
+    let (one, four) = (folder.path().join("one"), folder.path().join("four"));
+    run(&study, &options(&one, 1), &AtomicBool::new(false)).unwrap();
+    run(&study, &options(&four, 4), &AtomicBool::new(false)).unwrap();
+    let (one, four) = (tables(&one), tables(&four));
+    assert_eq!(one.len(), 6);
+    assert!(one.iter().all(|table| table.rows() > 0));
+    assert_eq!(one, four);
+}
+
+#[test]
+fn a_panic_is_a_row_and_the_others_go_on() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    let report = run_with(&study, &options(&out, 2), &AtomicBool::new(false), &|study, job| {
+        assert!(job.index != 2, "job number {}", job.index);
+        solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points)
+    })
+    .unwrap();
+    assert_eq!((report.finished, report.failed), (6, 1));
+    let jobs = read("jobs", &out.join("jobs.parquet")).unwrap();
+    assert_eq!(jobs.text("status", 2), Some("panicked"));
+    assert!(jobs.text("error", 2).unwrap().contains("job number 2"));
+    assert_eq!(jobs.text("status", 3), Some("converged"));
+}
+
+#[test]
+fn a_run_goes_on_where_it_was_cut_off() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let (_, study) = study(&folder);
+    let (whole, cut) = (folder.path().join("whole"), folder.path().join("cut"));
+    run(&study, &options(&whole, 1), &AtomicBool::new(false)).unwrap();
+
+    // Stopped after two jobs, as by Ctrl-C.
+    let (stop, done) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let count = |study: &sinew::study::Study, job: &sinew::study::Job| -> Outcome {
+        if done.fetch_add(1, Ordering::Relaxed) + 1 == 2 {
+            stop.store(true, Ordering::Relaxed);
+        }
+        solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points)
+    };
+    let report = run_with(&study, &options(&cut, 1), &stop, &count).unwrap();
+    assert!(report.interrupted && report.finished == 2);
+    assert_eq!(read("jobs", &cut.join("jobs.parquet")).unwrap().rows(), 2);
+
+    // The last line cut in half, as by a kill: that job runs again, the other is kept.
+    let store = cut.join("finished.jsonl");
+    let text = std::fs::read(&store).unwrap();
+    std::fs::write(&store, &text[..text.len() - 100]).unwrap();
+    let report = run(&study, &options(&cut, 2), &AtomicBool::new(false)).unwrap();
+    assert_eq!((report.kept, report.finished, report.interrupted), (1, 6, false));
+    assert_eq!(tables(&whole), tables(&cut));
+
+    // Once more: nothing left to do.
+    let report = run_with(&study, &options(&cut, 2), &AtomicBool::new(false), &|_, _| panic!("nothing to do")).unwrap();
+    assert_eq!((report.kept, report.failed), (6, 0));
+}
+
+#[test]
+fn failing_jobs_are_rows_with_a_status_and_a_reason() {
+    // Jobs: as usual; two SQP iterations only; a loop of links that cannot close.
+    let pedal = std::fs::read_to_string(super::support::root().join("data/models/pedal.toml")).unwrap();
+    let text = r#"
+name = "failures"
+model = "pedal.toml"
+motion = "{root}/data/motions/pedal_turn.csv"
+[base]
+h = 0.2
+[sweep.zip]
+max_iterations = [300, 2, 300]
+"joint.pedal.child_point.0" = [0.17, 0.17, 3.0]
+"#;
+    let folder = folder(&[("study.toml", text), ("pedal.toml", &pedal)]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    let report = run(&study, &options(&out, 2), &AtomicBool::new(false)).unwrap();
+    assert_eq!((report.finished, report.failed), (3, 2));
+    let jobs = read("jobs", &out.join("jobs.parquet")).unwrap();
+    assert_eq!(jobs.text("status", 0), Some("converged"));
+    assert_eq!(jobs.text("error", 0), None);
+    assert_eq!(jobs.text("status", 1), Some("iteration_limit"));
+    assert!(jobs.text("error", 1).unwrap().contains("2 SQP iterations"));
+    assert_eq!(jobs.text("status", 2), Some("infeasible"));
+    assert!(jobs.text("error", 2).unwrap().contains("pedal"), "{:?}", jobs.text("error", 2));
+    assert_eq!(jobs.number("objective", 2), None, "missing is null");
+}
+
+#[test]
+fn a_weak_muscle_is_no_failure_but_a_remark() {
+    let text = r#"
+name = "weak"
+model = "{root}/data/models/arm.toml"
+motion = "{root}/data/motions/arm_curl.csv"
+[base]
+h = 0.2
+mu = 0.02
+[sweep.zip]
+"muscle.biceps.max_isometric_force_scale" = [0.1]
+"muscle.brachialis.max_isometric_force_scale" = [0.1]
+"#;
+    let folder = folder(&[("study.toml", text)]);
+    let (_, study) = study(&folder);
+    let job = &study.jobs[0];
+    let outcome = solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points);
+    assert_eq!(outcome.job.status, Status::Converged, "{:?}", outcome.job.error);
+    assert!(outcome.job.remark.unwrap().contains("too weak"));
+}
+
+#[test]
+fn several_starts_keep_the_best() {
+    let text = SMALL.replace("[sweep.grid]", "starts = 4\n[sweep.grid]");
+    let folder = folder(&[("study.toml", &text)]);
+    let (_, study) = study(&folder);
+    let job = &study.jobs[3];
+    let model = study.model_of(job).unwrap();
+    let many = solve(&model, &study.motion, &job.settings, job.points);
+    let mut single = job.settings.clone();
+    single.starts = 1;
+    let one = solve(&model, &study.motion, &single, job.points);
+    assert!(many.job.objective.unwrap() <= one.job.objective.unwrap() * (1.0 + 1e-9));
+    assert_eq!(many.job.n_starts, Some(4));
+    assert!(many.job.n_distinct_optima.unwrap() >= 1);
+    assert!(many.job.n_distinct_optima <= many.job.n_converged_starts);
+}
+
+#[test]
+fn job_ids_depend_on_content_only() {
+    let renamed = SMALL.replace("\"small\"", "\"another\"").replace("[base]", "# a remark\n[base]");
+    let changed = SMALL.replace("h = 0.2", "h = 0.1");
+    let ids = |text: &str| {
+        let folder = folder(&[("study.toml", text)]);
+        study(&folder).1.jobs.iter().map(|job| job.id.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(ids(SMALL), ids(&renamed));
+    assert!(ids(SMALL).iter().zip(ids(&changed)).all(|(a, b)| *a != b));
+}
+
+#[test]
+fn missing_values_are_null_never_nan() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    run(&study, &options(&out, 2), &AtomicBool::new(false)).unwrap();
+    for table in tables(&out) {
+        for (name, values) in &table.columns {
+            if let Values::Number(values) = values {
+                assert!(values.iter().flatten().all(|v| v.is_finite()), "{} {name}", table.name);
+            }
+        }
+    }
+}

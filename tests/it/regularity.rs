@@ -1,0 +1,132 @@
+//! Predicted against computed deficiencies: on the jobs of Table 1, and on random patterns of active bounds.
+
+use rand::{RngExt, SeedableRng};
+use sinew::guess::start_guess;
+use sinew::nlp::iterate::Iterate;
+use sinew::nlp::regularity;
+use sinew::outcome::Status;
+use sinew::run::{RunOptions, run};
+use sinew::solve::transcribe;
+use sinew::study::Study;
+use sinew::study::settings::{Bounds, LoadSharingGrid};
+use sinew::transcription::collocation::BoundKind;
+use sinew::transcription::prediction::Setting;
+
+use super::support::{model, motion, prepare, root, settings};
+
+#[test]
+fn every_job_of_table_1_converges_and_has_the_predicted_deficiencies() {
+    let study = Study::load(&root().join("studies/table1.toml")).unwrap();
+    assert_eq!(study.jobs.len(), 12);
+    let mut excused = 0;
+    for job in &study.jobs {
+        let model = study.model_of(job).unwrap();
+        let outcome = sinew::solve::solve(&model, &study.motion, &job.settings, job.points);
+        assert_eq!(outcome.job.status, Status::Converged, "{:?}", job.swept);
+        for residual in [outcome.job.stationarity, outcome.job.feasibility, outcome.job.complementarity] {
+            assert!(residual.unwrap() <= 1e-9, "{:?}: {residual:?}", job.swept);
+        }
+        let row = outcome.regularity.unwrap();
+        assert_eq!(row.prediction_agrees, Some(true), "{:?} {row:?}", job.swept);
+        let same = Some(row.a.deficiency) == row.a.predicted && Some(row.aj.deficiency) == row.aj.predicted;
+        assert!(same || row.ambiguous);
+        excused += usize::from(!same);
+        // The cheap rank of the last iterate is another factorisation of nearly the same matrices.
+        assert!(outcome.iterations.last().unwrap().deficiency_a.is_some());
+    }
+    assert!(excused <= 2, "{excused} of 12 differ from the prediction");
+}
+
+#[test]
+fn dependent_active_bounds_are_counted_for_random_patterns() {
+    let model = model("arm.toml");
+    let table = motion("arm_curl.csv", &model);
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+    for points in [4, 6] {
+        let (instant, scheme, measurement) = prepare(&model, &table, points);
+        let guess = start_guess(&instant, &scheme, &measurement).unwrap();
+        for round in 0..40 {
+            let grid = if round % 2 == 0 { LoadSharingGrid::Measurement } else { LoadSharingGrid::Collocation };
+            let settings = settings(|s| {
+                s.bounds = Bounds::Both;
+                s.load_sharing_grid = grid;
+            });
+            let problem = transcribe(&instant, &scheme, &measurement, &settings);
+            // Some muscles wholly idle, the others with a random pattern of bounds called active.
+            let idle: Vec<bool> = (0..model.muscles.len()).map(|_| rng.random_range(0.0..1.0) < 0.3).collect();
+            let mut x: Vec<f64> = guess.iter().map(|v| v + rng.random_range(-0.02..0.02)).collect();
+            for m in 0..model.muscles.len() {
+                for k in 0..scheme.state.dimension() {
+                    let a = &mut x[scheme.activation_index(k, m)];
+                    *a = if idle[m] { 0.0 } else { rng.random_range(0.05..0.6) };
+                }
+                for j in 0..points {
+                    x[scheme.excitation_index(j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
+                }
+            }
+            let active: Vec<usize> = (0..problem.bounds.len())
+                .filter(|&row| {
+                    let bound = problem.bounds[row];
+                    if idle[bound.muscle] {
+                        // All a are at 0; each u may or may not be looked at as active, too.
+                        bound.kind == BoundKind::Activation || rng.random_range(0.0..1.0) < 0.5
+                    } else {
+                        rng.random_range(0.0..1.0) < 0.4
+                    }
+                })
+                .collect();
+            let iterate = Iterate::new(&problem, x);
+            let found = regularity::analyse(&problem, &iterate, &active).unwrap();
+            let setting = Setting {
+                shares_load: true,
+                at_collocation_points_only: grid == LoadSharingGrid::Collocation,
+            };
+            let predicted = scheme.predict(&problem, &iterate.x, &active, setting);
+            assert_eq!(Some(found.a.deficiency), predicted.a, "A, p = {points}, round {round}");
+            assert_eq!(Some(found.aj.deficiency), predicted.aj, "[A; J], p = {points}, round {round}");
+            let (a, aj) = regularity::deficiencies(&problem, &iterate, &active).unwrap();
+            assert_eq!((a, aj), (found.a.deficiency, found.aj.deficiency), "QR and SVD");
+        }
+    }
+}
+
+#[test]
+fn without_load_sharing_the_count_is_the_muscles_freedom() {
+    // μ = 0, nothing active: 2 nm + p (nm + nc − nq) = 10 + 6·3 = 28 at p = 6.
+    let model = model("arm.toml");
+    let table = motion("arm_curl.csv", &model);
+    let (instant, scheme, measurement) = prepare(&model, &table, 6);
+    let settings = settings(|s| {
+        s.mu = 0.0;
+        s.bounds = Bounds::None;
+    });
+    let problem = transcribe(&instant, &scheme, &measurement, &settings);
+    let mut x = start_guess(&instant, &scheme, &measurement).unwrap();
+    // Activations and slow fibres, so that every muscle answers.
+    for m in 0..5 {
+        for k in 0..scheme.state.dimension() {
+            x[scheme.activation_index(k, m)] = 0.2 + 0.01 * (k as f64);
+            x[scheme.length_index(k, m)] = 1.0 + 0.002 * (k * k) as f64;
+        }
+    }
+    let iterate = Iterate::new(&problem, x);
+    let found = regularity::analyse(&problem, &iterate, &[]).unwrap();
+    assert_eq!(found.aj.deficiency, 28);
+    let setting = Setting { shares_load: false, at_collocation_points_only: false };
+    assert_eq!(scheme.predict(&problem, &iterate.x, &[], setting).aj, Some(28));
+}
+
+#[test]
+fn a_result_folder_says_whether_each_answer_is_unique() {
+    let folder = super::support::folder(&[("study.toml", super::support::SMALL)]);
+    let (_, study) = super::support::study(&folder);
+    let out = folder.path().join("out");
+    run(&study, &RunOptions { out: out.clone(), threads: Some(1), fresh: false }, &false.into()).unwrap();
+    let table = sinew::tables::read("regularity", &out.join("regularity.parquet")).unwrap();
+    for row in 0..table.rows() {
+        let none = |name| table.integer(name, row) == Some(0);
+        assert_eq!(table.flag("unique", row), Some(none("deficiency_a") && none("deficiency_aj")));
+        // With μ > 0 what is free moves values between the points, never a force at one.
+        assert_eq!(table.flag("loads_unique", row), Some(true));
+    }
+}
