@@ -190,11 +190,7 @@ pub struct Issue {
 
 impl Issue {
     pub fn new(path: &[&str], message: impl Into<String>, help: impl Into<String>) -> Self {
-        Self {
-            path: path.iter().map(|s| (*s).to_owned()).collect(),
-            message: message.into(),
-            help: Some(help.into()),
-        }
+        Self { path: path.iter().map(|s| (*s).to_owned()).collect(), message: message.into(), help: Some(help.into()) }
     }
 
     pub fn in_file(&self, file: &SourceFile) -> Error {

@@ -13,7 +13,7 @@
 //! eq. (24) for it point by point inverts the flat ends of the force–velocity curve.
 
 use crate::model::Model;
-use crate::model::curves::{tendon_strain, passive_force_length, active_force_length};
+use crate::model::curves::{active_force_length, passive_force_length, tendon_strain};
 use crate::motion::Measurement;
 use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;
@@ -110,7 +110,12 @@ pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> O
 }
 
 /// Normalised tendon forces and reactions (in total weights) of least activation at one instant.
-fn share_load(instant: &Instant<'_>, q: &[f64], velocity: &[f64], acceleration: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+fn share_load(
+    instant: &Instant<'_>,
+    q: &[f64],
+    velocity: &[f64],
+    acceleration: &[f64],
+) -> Option<(Vec<f64>, Vec<f64>)> {
     let model = instant.model;
     let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
     let bounds = tendon_force_range(model, q, velocity);

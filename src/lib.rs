@@ -1,3 +1,38 @@
+//! Sinew: parallel parameter studies of inverse musculoskeletal biomechanics.
+//!
+//! Given a measured motion, find the muscle excitations, activations, fibre lengths, joint reactions and the motion itself
+//! such that the muscle-driven equations of motion hold and the motion is matched in the least-squares sense with a
+//! load-sharing term; and say whether the answer is unique. Source of the method: M. Lund Ohlsson, *New methods for
+//! movement technique development in cross-country skiing using mathematical models and simulation*, licentiate thesis 41,
+//! Mid Sweden University 2009, Paper B.
+//!
+//! The map, from what the user says to what the user gets:
+//!
+//! ```text
+//! study/          study file → axes → jobs; identity of a job. Pure.
+//! model/          bodies, joints, musculotendons, paths: file → checked model
+//! motion/         joint coordinates over time: file → measured body coordinates
+//! transcription/  (model, measurement, settings) → a sparse nonlinear problem
+//! guess.rs        start guess by inverse dynamics
+//! nlp/            SQP, active sets, regularity: knows no muscles
+//! numerics/       splines, sparse matrices, ranks: knows no biomechanics
+//! solution.rs     a solved problem → loads, errors, functions of time
+//! solve.rs        one job → outcome, the pipeline on one screen. No disk, no printing.
+//! outcome.rs      the rows that a job leaves
+//! run/            jobs in parallel, kept as they finish
+//! tables/         the columns, Parquet
+//! table1.rs       results beside the thesis' Table 1
+//! cli/            one file a command
+//! ```
+//!
+//! Invariants, tested in `tests/it/architecture.rs` and `engine.rs`: dependencies point one way (cli → run → tables, solve →
+//! transcription → nlp, model → numerics); one door a crate (clarabel only in `nlp/qp.rs`, polars only in
+//! `tables/parquet.rs`, rayon and indicatif only in `run/`, clap only in `cli/`); `solve` is a pure function; one thread a
+//! solve; the same tables with 1 or N threads; a job that fails is a row with a status, `Err` is bad input or I/O.
+
+// Index loops read like the formulas they are.
+#![allow(clippy::needless_range_loop)]
+
 pub mod cli;
 pub mod error;
 pub mod guess;

@@ -46,14 +46,18 @@ impl Solution<'_> {
     /// The job's row, but for status, starts and times.
     pub fn job_row(&self) -> JobRow {
         let (problem, iterate) = (self.problem, self.iterate);
-        let activations: Vec<Vec<f64>> = (0..self.model().muscles.len()).map(|m| self.activation_coefficients(m)).collect();
+        let activations: Vec<Vec<f64>> =
+            (0..self.model().muscles.len()).map(|m| self.activation_coefficients(m)).collect();
         let locals = self.locals();
         let at_points = || {
-            locals.iter().flat_map(|z| (0..self.model().muscles.len()).map(|m| z[problem.instant.muscle(m) + ACTIVATION]))
+            locals
+                .iter()
+                .flat_map(|z| (0..self.model().muscles.len()).map(|m| z[problem.instant.muscle(m) + ACTIVATION]))
         };
         let (rms_m, rms_deg) = self.tracking_rms();
         let active = active(&iterate.inequalities);
-        let force = (0..active.len()).filter(|&row| active[row] && problem.bounds[row].kind == BoundKind::Force).count();
+        let force =
+            (0..active.len()).filter(|&row| active[row] && problem.bounds[row].kind == BoundKind::Force).count();
         let [stationarity, complementarity] = self.unscaled_errors();
         let max_activation = at_points().fold(f64::NEG_INFINITY, f64::max);
         JobRow {

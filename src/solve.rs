@@ -341,4 +341,3 @@ fn regularity_rows(
     };
     Some((regularity, spectrum))
 }
-

@@ -61,9 +61,7 @@ pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<Group> {
     }
     // A sample's other columns say no more than its number.
     let sampled = axes.iter().any(|axis| axis == crate::study::sweep::SAMPLE);
-    let key = |axis: &String| {
-        !needed.contains(&axis.as_str()) && (!sampled || axis == "sample" || !axis.contains('.'))
-    };
+    let key = |axis: &String| !needed.contains(&axis.as_str()) && (!sampled || axis == "sample" || !axis.contains('.'));
     let rank_rows: BTreeMap<&str, usize> =
         (0..regularity.rows()).filter_map(|row| Some((regularity.text("job_id", row)?, row))).collect();
     let mut groups: Vec<Group> = Vec::new();

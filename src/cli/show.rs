@@ -21,7 +21,8 @@ const AFTER: &str = "status";
 pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let manifest = dir.join("manifest.json");
     if !manifest.exists() {
-        let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "no manifest.json, so no results folder of Sinew");
+        let missing =
+            std::io::Error::new(std::io::ErrorKind::NotFound, "no manifest.json, so no results folder of Sinew");
         return Err(Error::io("show", dir, missing));
     }
     let read = |name: &'static str| tables::read(name, &dir.join(format!("{name}.parquet")));
@@ -82,8 +83,13 @@ fn printed(deficiency: i64) -> String {
 /// Table 1 in the thesis' layout, its numbers in brackets.
 fn rank_table(group: &Group) {
     let others: Vec<String> = group.others.iter().map(|(name, value)| format!("{name} = {value}")).collect();
-    print(&format!("\nRank deficiencies, in brackets the thesis' Table 1{}", if others.is_empty() { String::new() } else { format!(" ({})", others.join(", ")) }));
-    for (grid_name, title) in [("measurement", "a at the measured instants"), ("collocation", "a at the collocation points")] {
+    print(&format!(
+        "\nRank deficiencies, in brackets the thesis' Table 1{}",
+        if others.is_empty() { String::new() } else { format!(" ({})", others.join(", ")) }
+    ));
+    for (grid_name, title) in
+        [("measurement", "a at the measured instants"), ("collocation", "a at the collocation points")]
+    {
         let bounds = ["activation", "excitation", "both"];
         let mut table = grid([title, "a ≥ 0", "u ≥ 0", "u, a ≥ 0"].map(str::to_owned).to_vec());
         type Pick = fn((i64, i64)) -> i64;
@@ -105,7 +111,8 @@ fn rank_table(group: &Group) {
                             }
                             _ => String::new(),
                         };
-                        let print = thesis(grid_name, bound).map_or(String::new(), |t| format!(" ({})", printed(pick(t))));
+                        let print =
+                            thesis(grid_name, bound).map_or(String::new(), |t| format!(" ({})", printed(pick(t))));
                         format!("{found}{print}{mark}")
                     }
                 });
@@ -133,10 +140,8 @@ fn search(groups: &[Group]) {
     let mut table = grid(header.map(str::to_owned).to_vec());
     for (grid_name, bounds, a, aj) in THESIS {
         let key = (grid_name.to_owned(), bounds.to_owned());
-        let found: Vec<(i64, i64)> = groups
-            .iter()
-            .filter_map(|g| g.cells.get(&key).filter(|c| c.status == "converged")?.deficiencies)
-            .collect();
+        let found: Vec<(i64, i64)> =
+            groups.iter().filter_map(|g| g.cells.get(&key).filter(|c| c.status == "converged")?.deficiencies).collect();
         let share = |count: usize| match found.len() {
             0 => "–".to_owned(),
             total => format!("{:.1} %", 100.0 * count as f64 / total as f64),
@@ -184,7 +189,8 @@ fn job_table(jobs: &Table, regularity: &Table, axes: &[String], limit: usize) {
         (0..regularity.rows()).filter_map(|row| Some((regularity.text("job_id", row)?, row))).collect();
     let mut header: Vec<String> = vec!["job".to_owned()];
     header.extend(axes.iter().cloned());
-    let rest = ["status", "iter.", "objective", "effort", "rms mm", "A", "[Aᵀ Jᵀ]", "predicted", "unique", "optima", "s"];
+    let rest =
+        ["status", "iter.", "objective", "effort", "rms mm", "A", "[Aᵀ Jᵀ]", "predicted", "unique", "optima", "s"];
     header.extend(rest.map(str::to_owned));
     let mut table = grid(header);
     for row in 0..limit {
@@ -243,7 +249,8 @@ fn muscle_table(jobs: &Table, muscles: &Table, limit: usize) {
     if names.is_empty() {
         return;
     }
-    let mut table = grid(["job"].into_iter().chain(names.iter().copied()).chain(["ringing 1/s"]).map(str::to_owned).collect());
+    let mut table =
+        grid(["job"].into_iter().chain(names.iter().copied()).chain(["ringing 1/s"]).map(str::to_owned).collect());
     for row in 0..limit {
         let Some(rows) = jobs.text("job_id", row).and_then(|id| by_job.get(id)) else { continue };
         let mut cells = vec![jobs.display("index", row).unwrap_or_default()];

@@ -65,9 +65,8 @@ impl Model {
             let (Some(u), Some(v_t)) = (&svd.u, &svd.v_t) else { return };
             let projected = u.transpose() * &value;
             loop {
-                let scaled = projected.zip_map(&svd.singular_values, |r, s| {
-                    if s > 1e-11 { -r * s / (s * s + damping) } else { 0.0 }
-                });
+                let scaled = projected
+                    .zip_map(&svd.singular_values, |r, s| if s > 1e-11 { -r * s / (s * s + damping) } else { 0.0 });
                 let step = v_t.transpose() * scaled;
                 let trial: Vec<f64> = q.iter().zip(step.iter()).map(|(x, d)| x + d).collect();
                 let (trial_value, trial_jacobian) = self.conditions(&trial, given);
@@ -87,7 +86,8 @@ impl Model {
     /// Φ(q), and below it the given joint coordinates minus their values, with the Jacobian.
     fn conditions(&self, q: &[f64], given: Option<&[Option<f64>]>) -> (DVector<f64>, DMatrix<f64>) {
         let mut functions: Vec<(f64, [f64; 6], [Option<usize>; 6])> = Vec::new();
-        let mut push = |f: &PairFunction<f64>, offset: f64, slots| functions.push((f.value - offset, f.gradient, slots));
+        let mut push =
+            |f: &PairFunction<f64>, offset: f64, slots| functions.push((f.value - offset, f.gradient, slots));
         for joint in &self.joints {
             joint.constraints(q).iter().for_each(|f| push(f, 0.0, joint.slots()));
         }
@@ -158,7 +158,8 @@ mod tests {
         let (main, _) = model.joint_coordinates().next().unwrap();
         assert!((main.coordinate_value(&q).value - 0.4).abs() < 1e-9);
 
-        let text = include_str!("../../tests/fixtures/everything.toml").replace("parent_point = [0.5, 0.0]", "parent_point = [0.01, 0.0]");
+        let text = include_str!("../../tests/fixtures/everything.toml")
+            .replace("parent_point = [0.5, 0.0]", "parent_point = [0.01, 0.0]");
         let file: crate::model::file::ModelFile = toml::from_str(&text).unwrap();
         let mut broken = file.check().unwrap();
         // A rail far out of reach of the short rod.

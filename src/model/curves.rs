@@ -89,11 +89,7 @@ impl ForceVelocity {
         };
         let down = 1.0 - v / b;
         let slope = (1.0 - k) / b;
-        Jet {
-            value: (1.0 - k * v / b) / down,
-            first: slope / (down * down),
-            second: 2.0 * slope / (b * down.powi(3)),
-        }
+        Jet { value: (1.0 - k * v / b) / down, first: slope / (down * down), second: 2.0 * slope / (b * down.powi(3)) }
     }
 }
 

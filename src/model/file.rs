@@ -4,12 +4,12 @@
 
 use serde::Deserialize;
 
+use super::Model;
 use super::body::{Body, ExternalForce, Place};
 use super::curves::ForceVelocity;
 use super::joint::{Joint, JointKind};
 use super::musculotendon::Musculotendon;
 use super::path::Path;
-use super::Model;
 use crate::error::{Issue, Result, SourceFile, nearest};
 
 #[derive(Clone, Debug, Deserialize)]
@@ -208,8 +208,7 @@ impl ModelFile {
                 ));
             }
         }
-        let muscles =
-            self.muscle.iter().map(|m| self.muscle(m, curve)).collect::<std::result::Result<Vec<_>, _>>()?;
+        let muscles = self.muscle.iter().map(|m| self.muscle(m, curve)).collect::<std::result::Result<Vec<_>, _>>()?;
         let forces = self.force.iter().map(|f| self.force(f)).collect::<std::result::Result<Vec<_>, _>>()?;
         let bodies = self
             .body

@@ -27,10 +27,17 @@ pub struct Joint {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointKind {
     /// `angle` = child angle − parent angle where the coordinate is zero, rad.
-    Revolute { angle: f64 },
+    Revolute {
+        angle: f64,
+    },
     /// `axis` is a unit vector in the parent's axes; `angle` as above, kept.
-    Prismatic { axis: [f64; 2], angle: f64 },
-    Weld { angle: f64 },
+    Prismatic {
+        axis: [f64; 2],
+        angle: f64,
+    },
+    Weld {
+        angle: f64,
+    },
 }
 
 impl JointKind {

@@ -111,7 +111,12 @@ impl MotionTable {
     /// `in_degrees` is what a storage header says; a CSV header has a unit in each name.
     fn assemble(file: &SourceFile, model: &Model, rows: Vec<Row<'_>>, in_degrees: Option<bool>) -> Result<Self> {
         let Some((header, rows)) = rows.split_first() else {
-            return Err(file.error(None, "the file holds no table", "", Some("the first row names the columns".into())));
+            return Err(file.error(
+                None,
+                "the file holds no table",
+                "",
+                Some("the first row names the columns".into()),
+            ));
         };
         let known: Vec<&str> = model.joint_coordinates().map(|(_, name)| name).collect();
         let mut time_column = None;
@@ -199,7 +204,11 @@ impl MotionTable {
             };
             if table.time.last().is_some_and(|&last| last >= time) {
                 return bad(
-                    format!("line {}: time {time} s does not come after {} s", row.line, table.time[table.time.len() - 1]),
+                    format!(
+                        "line {}: time {time} s does not come after {} s",
+                        row.line,
+                        table.time[table.time.len() - 1]
+                    ),
                     "sort the rows by time and remove repeated instants",
                 );
             }
@@ -209,7 +218,10 @@ impl MotionTable {
                     Some(value) => values.push(value * factor),
                     None => {
                         return bad(
-                            format!("line {}: `{}` in column `{name}` is no finite number", row.line, row.fields[*index]),
+                            format!(
+                                "line {}: `{}` in column `{name}` is no finite number",
+                                row.line, row.fields[*index]
+                            ),
                             "fill gaps before: Sinew does not guess measurements",
                         );
                     }

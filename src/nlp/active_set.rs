@@ -124,7 +124,11 @@ pub fn solve(
             return Ok(Step {
                 direction: direction.to_vec(),
                 equality_multipliers: solution[n..n + me].to_vec(),
-                inequality_multipliers: multipliers.iter().zip(&active).map(|(y, &a)| if a { -y } else { 0.0 }).collect(),
+                inequality_multipliers: multipliers
+                    .iter()
+                    .zip(&active)
+                    .map(|(y, &a)| if a { -y } else { 0.0 })
+                    .collect(),
                 active,
                 qp_iterations: 0,
                 factorisations,

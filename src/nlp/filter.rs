@@ -36,13 +36,23 @@ impl Filter {
             return Verdict::Rejected;
         }
         let noise = 10.0 * f64::EPSILON * objective.abs();
-        if !self.entries.iter().all(|&(v, o)| trial_violation <= (1.0 - MARGIN) * v || trial_objective <= o - MARGIN * v + noise) {
+        if !self
+            .entries
+            .iter()
+            .all(|&(v, o)| trial_violation <= (1.0 - MARGIN) * v || trial_objective <= o - MARGIN * v + noise)
+        {
             return Verdict::Rejected;
         }
         let switching = slope < 0.0 && alpha * (-slope).powf(2.3) > violation.powf(1.1);
         if violation <= self.floor && switching {
-            if trial_objective <= objective + ARMIJO * alpha * slope + noise { Verdict::Descent } else { Verdict::Rejected }
-        } else if trial_violation <= (1.0 - MARGIN) * violation || trial_objective <= objective - MARGIN * violation + noise {
+            if trial_objective <= objective + ARMIJO * alpha * slope + noise {
+                Verdict::Descent
+            } else {
+                Verdict::Rejected
+            }
+        } else if trial_violation <= (1.0 - MARGIN) * violation
+            || trial_objective <= objective - MARGIN * violation + noise
+        {
             Verdict::Progress
         } else {
             Verdict::Rejected

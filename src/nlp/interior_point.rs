@@ -43,8 +43,7 @@ pub fn solve(
     let mut nu: Vec<f64> = here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect();
     let (mut right, mut solution) = (vec![0.0; kkt.order()], vec![0.0; kkt.order()]);
     let mut weights = vec![0.0; mi];
-    let mut factorisations = 0;
-    for _ in 0..ITERATIONS {
+    for factorisations in 0..ITERATIONS {
         // Residuals of the optimality conditions.
         let mut dual = here.gradient.clone();
         hessian.add_symmetric_product(1.0, &d, &mut dual);
@@ -79,7 +78,6 @@ pub fn solve(
             inequalities: &here.inequality_jacobian,
             rows: Rows::Weighted(&weights),
         });
-        factorisations += 1;
         if !inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
             raise(damping)?;
             if *damping > most {
@@ -100,7 +98,8 @@ pub fn solve(
         let plain: Vec<f64> = s.iter().zip(&nu).map(|(s, nu)| s * nu).collect();
         let (ds, dnu) = step(&plain, &mut solution, kkt);
         let (reach_s, reach_nu) = (reach(&s, &ds), reach(&nu, &dnu));
-        let affine: f64 = (0..mi).map(|i| (s[i] + reach_s * ds[i]) * (nu[i] + reach_nu * dnu[i])).sum::<f64>() / mi.max(1) as f64;
+        let affine: f64 =
+            (0..mi).map(|i| (s[i] + reach_s * ds[i]) * (nu[i] + reach_nu * dnu[i])).sum::<f64>() / mi.max(1) as f64;
         let sigma = if mu > 0.0 { (affine / mu).powi(3).min(1.0) } else { 0.0 };
         let corrected: Vec<f64> = (0..mi).map(|i| plain[i] + ds[i] * dnu[i] - sigma * mu).collect();
         let (ds, dnu) = step(&corrected, &mut solution, kkt);

@@ -95,7 +95,8 @@ impl Iterate {
 
     /// Constraint violation ‖c‖₁ + ‖min(d, 0)‖₁.
     pub fn violation(&self) -> f64 {
-        self.equalities.iter().map(|c| c.abs()).sum::<f64>() + self.inequalities.iter().map(|d| (-d).max(0.0)).sum::<f64>()
+        self.equalities.iter().map(|c| c.abs()).sum::<f64>()
+            + self.inequalities.iter().map(|d| (-d).max(0.0)).sum::<f64>()
     }
 
     pub fn kkt_error(&self) -> KktError {

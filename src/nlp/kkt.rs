@@ -15,8 +15,8 @@
 //! whether H + δ D is positive definite where the active constraints vanish.
 
 use crate::numerics::sparse::{Pattern, Sparse};
-use crate::numerics::staged::StagedLdl;
 pub use crate::numerics::staged::Inertia;
+use crate::numerics::staged::StagedLdl;
 
 /// ε of the variables and of the constraints, against entries of order one.
 const PRIMAL: f64 = 1e-14;

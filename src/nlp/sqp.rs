@@ -24,8 +24,8 @@
 use std::time::Instant;
 
 use super::active_set::{self, SMALLEST_DAMPING, Step};
-use super::interior_point;
 use super::filter::{Filter, Verdict};
+use super::interior_point;
 use super::iterate::{Iterate, KktError};
 use super::kkt::{Kkt, KktValues, Rows};
 use super::problem::{Curvature, Multipliers, Problem};
@@ -144,7 +144,12 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
     let [equalities, inequalities, pattern] = problem.patterns();
     let mut gauss_newton = pattern.clone();
     let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
-    problem.hessian(&start, Multipliers { equalities: &no_lambda, inequalities: &no_nu }, Curvature::Exact, &mut gauss_newton);
+    problem.hessian(
+        &start,
+        Multipliers { equalities: &no_lambda, inequalities: &no_nu },
+        Curvature::Exact,
+        &mut gauss_newton,
+    );
     let here = Iterate::new(problem, start);
     let solver = Sqp {
         problem,

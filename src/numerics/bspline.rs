@@ -132,8 +132,7 @@ mod tests {
                 assert!((space.value(&greville, t, 1) - 1.0).abs() < 1e-12);
             }
             // t^d: its blossom at the knots is their product; its d-th derivative is d!.
-            let power: Vec<f64> =
-                (0..space.dimension()).map(|i| space.knots[i + 1..=i + d].iter().product()).collect();
+            let power: Vec<f64> = (0..space.dimension()).map(|i| space.knots[i + 1..=i + d].iter().product()).collect();
             let factorial: f64 = (1..=d).map(|k| k as f64).product();
             for i in 0..=20 {
                 let t = i as f64 / 20.0;

@@ -1,6 +1,9 @@
 //! Numerical rank of a dense matrix, two ways: by its singular values, and by QR with column pivoting.
 
-use faer::{Mat, linalg::solvers::{ColPivQr, Qr}};
+use faer::{
+    Mat,
+    linalg::solvers::{ColPivQr, Qr},
+};
 
 /// What the singular values say of a matrix.
 #[derive(Clone, Debug, PartialEq)]

@@ -91,7 +91,8 @@ impl StagedLdl {
             if s > 0 {
                 stages[s].carry = stages[s - 1].border.iter().map(|&i| place[i]).collect();
             }
-            stages[s].entries = by_stage[s].iter().map(|&(row, column, slot)| (place[row], place[column], slot)).collect();
+            stages[s].entries =
+                by_stage[s].iter().map(|&(row, column, slot)| (place[row], place[column], slot)).collect();
         }
         Self {
             order,

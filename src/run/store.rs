@@ -90,7 +90,10 @@ impl Store {
         versions.sort_unstable();
         versions.dedup();
         (count > 0).then(|| {
-            format!("{count} kept result(s) were computed by sinew {}; run with --fresh to renew them", versions.join(", "))
+            format!(
+                "{count} kept result(s) were computed by sinew {}; run with --fresh to renew them",
+                versions.join(", ")
+            )
         })
     }
 }

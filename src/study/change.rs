@@ -106,7 +106,10 @@ impl ModelChange {
                 None => return Err(self.lost(base, table.keys().map(String::as_str))),
             };
             return scale(value, self.value).ok_or_else(|| {
-                Complaint::new(format!("`{base}` is no number and cannot be scaled"), "scale numbers or lists of numbers")
+                Complaint::new(
+                    format!("`{base}` is no number and cannot be scaled"),
+                    "scale numbers or lists of numbers",
+                )
             });
         }
         match table.get(key) {
@@ -154,10 +157,9 @@ pub fn changed_model(table: &toml::Table, changes: &[ModelChange]) -> Result<(to
     for change in changes {
         change.apply(&mut table)?;
     }
-    let file: ModelFile = table
-        .clone()
-        .try_into()
-        .map_err(|e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file"))?;
+    let file: ModelFile = table.clone().try_into().map_err(|e: toml::de::Error| {
+        Complaint::new(e.message().to_owned(), "check the path against the model file")
+    })?;
     let model = file
         .check()
         .map_err(|i| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default()))?;

@@ -73,11 +73,7 @@ impl Study {
         for key in table.keys() {
             if !KEYS.contains(&key.as_str()) {
                 let near = nearest(key, KEYS).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-                return Err(fail(Issue::new(
-                    &[key],
-                    "unknown key",
-                    format!("{near}a study has: {}", KEYS.join(", ")),
-                )));
+                return Err(fail(Issue::new(&[key], "unknown key", format!("{near}a study has: {}", KEYS.join(", ")))));
             }
         }
         let text = |key: &str| match table.get(key) {
@@ -117,7 +113,9 @@ impl Study {
         let mut base_changes = Vec::new();
         for (name, value) in flatten(&sub_table("base")?) {
             let assigned = value
-                .ok_or_else(|| Complaint::new("found a list or a table", "[base] holds single values; lists go in [sweep.grid]"))
+                .ok_or_else(|| {
+                    Complaint::new("found a list or a table", "[base] holds single values; lists go in [sweep.grid]")
+                })
                 .and_then(|value| assign(&mut base, &mut base_changes, &name, &value, &coordinates));
             assigned.map_err(|c| fail(complaint_at(&["base"], &name, c)))?;
         }
@@ -146,7 +144,11 @@ impl Study {
                 }
             }
             let points = settings.points(motion.duration()).map_err(|c| {
-                fail(if axes.iter().any(|a| a == "h") { swept_issue(&table, "h", c) } else { complaint_at(&["base"], "h", c) })
+                fail(if axes.iter().any(|a| a == "h") {
+                    swept_issue(&table, "h", c)
+                } else {
+                    complaint_at(&["base"], "h", c)
+                })
             })?;
             if changes.len() > base_changes.len() {
                 changed_model(&model_table, &changes).map_err(|c| {

@@ -237,7 +237,8 @@ impl Settings {
             }
             "max_iterations" => self.max_iterations = integer(value, 0..=1_000_000)? as usize,
             "time_limit_s" => {
-                self.time_limit_s = Some(number(value, 0.0..=1e9, "a time in seconds; leave the key out for no limit")?);
+                self.time_limit_s =
+                    Some(number(value, 0.0..=1e9, "a time in seconds; leave the key out for no limit")?);
             }
             _ => match name.strip_prefix("motion.") {
                 Some(change) => self.set_motion(change, value, coordinates)?,
@@ -303,7 +304,10 @@ impl Settings {
         if (intervals - whole).abs() > 1e-6 * whole.max(1.0) || whole < 2.0 {
             let (few, many) = (intervals.floor().max(2.0), intervals.ceil().max(3.0));
             return Err(Complaint::new(
-                format!("h = {} s does not divide the motion's duration of {duration} s into two or more intervals", self.h),
+                format!(
+                    "h = {} s does not divide the motion's duration of {duration} s into two or more intervals",
+                    self.h
+                ),
                 format!("near values that do: {} s ({few} intervals), {} s ({many})", duration / few, duration / many),
             ));
         }

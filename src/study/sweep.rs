@@ -52,7 +52,8 @@ pub fn expand(sweep: &toml::Table) -> Result<Vec<Assignment>, Issue> {
         }
     }
     if let Some(table) = table(sweep, "zip")? {
-        let axes = table.iter().map(|(name, spec)| Ok((name, axis("zip", name, spec)?))).collect::<Result<Vec<_>, _>>()?;
+        let axes =
+            table.iter().map(|(name, spec)| Ok((name, axis("zip", name, spec)?))).collect::<Result<Vec<_>, _>>()?;
         let length = axes.first().map_or(0, |(_, values)| values.len());
         if let Some((name, values)) = axes.iter().find(|(_, values)| values.len() != length) {
             return Err(Issue::new(
@@ -61,7 +62,8 @@ pub fn expand(sweep: &toml::Table) -> Result<Vec<Assignment>, Issue> {
                 "axes of a zip go side by side: give all the same length, or use [sweep.grid]",
             ));
         }
-        let rows = (0..length).map(|i| axes.iter().map(|(name, values)| ((*name).clone(), values[i].clone())).collect());
+        let rows =
+            (0..length).map(|i| axes.iter().map(|(name, values)| ((*name).clone(), values[i].clone())).collect());
         jobs = multiply(jobs, rows.collect());
     }
     Ok(jobs)
@@ -75,9 +77,11 @@ fn table<'t>(sweep: &'t toml::Table, kind: &str) -> Result<Option<&'t toml::Tabl
     match sweep.get(kind) {
         None => Ok(None),
         Some(toml::Value::Table(table)) if !table.is_empty() => Ok(Some(table)),
-        Some(toml::Value::Table(_)) => {
-            Err(Issue::new(&["sweep", kind], "the sweep has no axis", "add an axis such as mu = [0.1, 0.2], or remove it"))
-        }
+        Some(toml::Value::Table(_)) => Err(Issue::new(
+            &["sweep", kind],
+            "the sweep has no axis",
+            "add an axis such as mu = [0.1, 0.2], or remove it",
+        )),
         Some(_) => Err(Issue::new(&["sweep", kind], "found a value", format!("write it as a table: [sweep.{kind}]"))),
     }
 }
@@ -110,7 +114,10 @@ fn axis(kind: &str, name: &str, spec: &toml::Value) -> Result<Vec<Value>, Issue>
             let (from, to) = ends(kind, name, range)?;
             let count = range.get("count").and_then(toml::Value::as_integer).filter(|c| (1..=1_000_000).contains(c));
             let Some(count) = count else {
-                return Err(issue("the range has no `count` from 1 on".into(), "say how many values, such as count = 5"));
+                return Err(issue(
+                    "the range has no `count` from 1 on".into(),
+                    "say how many values, such as count = 5",
+                ));
             };
             let log = match range.get("scale").map(toml::Value::as_str) {
                 None | Some(Some("linear")) => false,
@@ -174,11 +181,7 @@ fn samples(table: &toml::Table) -> Result<Vec<Assignment>, Issue> {
             toml::Value::Table(range) if range.keys().all(|k| k == "from" || k == "to") => {
                 Ok((name, ends("sample", name, range)?))
             }
-            _ => Err(Issue::new(
-                &["sweep", "sample", name],
-                "no range",
-                "a sampled parameter is { from = …, to = … }",
-            )),
+            _ => Err(Issue::new(&["sweep", "sample", name], "no range", "a sampled parameter is { from = …, to = … }")),
         })
         .collect::<Result<Vec<_>, _>>()?;
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed as u64);

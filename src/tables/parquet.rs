@@ -53,7 +53,9 @@ pub fn read(name: &'static str, path: &Path) -> Result<Table> {
             DataType::Int64 => Values::Integer(series.i64().map_err(bad)?.iter().collect()),
             DataType::Boolean => Values::Flag(series.bool().map_err(bad)?.iter().collect()),
             DataType::String => Values::Text(series.str().map_err(bad)?.iter().map(|t| t.map(str::to_owned)).collect()),
-            other => return Err(Error::table("read", path, format!("column `{}` has the type {other}", column.name()))),
+            other => {
+                return Err(Error::table("read", path, format!("column `{}` has the type {other}", column.name())));
+            }
         };
         columns.push((column.name().to_string(), values));
     }

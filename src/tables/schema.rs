@@ -110,13 +110,10 @@ fn jobs(rows: &[(&Job, &Outcome)]) -> Table {
 fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
     let rows: Vec<(&str, &RegularityRow)> =
         finished.iter().filter_map(|(job, o)| Some((job.id.as_str(), o.regularity.as_ref()?))).collect();
-    let matrix = |pick: fn(&RegularityRow) -> &MatrixRank, f: fn(&MatrixRank) -> Option<i64>| {
-        integers(&rows, |(_, r)| f(pick(r)))
-    };
-    let value = |pick: fn(&RegularityRow) -> &MatrixRank, f: fn(&MatrixRank) -> Option<f64>| {
-        numbers(&rows, |(_, r)| f(pick(r)))
-    };
-    let (a, aj): (fn(&RegularityRow) -> &MatrixRank, fn(&RegularityRow) -> &MatrixRank) = (|r| &r.a, |r| &r.aj);
+    type Pick = fn(&RegularityRow) -> &MatrixRank;
+    let matrix = |pick: Pick, f: fn(&MatrixRank) -> Option<i64>| integers(&rows, |(_, r)| f(pick(r)));
+    let value = |pick: Pick, f: fn(&MatrixRank) -> Option<f64>| numbers(&rows, |(_, r)| f(pick(r)));
+    let (a, aj): (Pick, Pick) = (|r| &r.a, |r| &r.aj);
     table(
         "regularity",
         vec![

@@ -131,7 +131,8 @@ impl<'m> Instant<'m> {
         }
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
-            let (a, l, v, rate, u) = (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
+            let (a, l, v, rate, u) =
+                (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
             let mut path = muscle.path.buffer();
             muscle.path.length(q, false, &mut path);
             let force = muscle.fibre_force(a, l, v).value;
@@ -195,7 +196,8 @@ impl<'m> Instant<'m> {
         }
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
-            let (a, l, v, rate, u) = (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
+            let (a, l, v, rate, u) =
+                (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
             let slots = &muscle.path.slots;
             let mut path = muscle.path.buffer();
             muscle.path.length(q, true, &mut path);

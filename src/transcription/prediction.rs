@@ -53,7 +53,8 @@ impl Midpoint {
         let joints: usize = locals
             .iter()
             .map(|z| {
-                let rows: Vec<_> = model.joints.iter().flat_map(|j| j.constraints(z).into_iter().map(|f| (j.slots(), f))).collect();
+                let rows: Vec<_> =
+                    model.joints.iter().flat_map(|j| j.constraints(z).into_iter().map(|f| (j.slots(), f))).collect();
                 let mut jacobian = Mat::zeros(rows.len(), model.coordinates());
                 for (row, (slots, function)) in rows.iter().enumerate() {
                     for (slot, gradient) in slots.iter().zip(function.gradient) {

@@ -33,7 +33,12 @@ fn mistakes() -> Vec<Mistake> {
     let rows = "0.0,1,2\n0.5,1,2\n0.75,1,2\n1.0,1,2\n";
     vec![
         study("unknown key", "[base]\n", "[bse]\n", &["study.toml", "bse", "did you mean `base`"]),
-        study("unknown setting", "regularity", "regularty", &["study.toml:7", "regularty", "did you mean `regularity`"]),
+        study(
+            "unknown setting",
+            "regularity",
+            "regularty",
+            &["study.toml:7", "regularty", "did you mean `regularity`"],
+        ),
         study("wrong type", "h = 0.2", "h = \"small\"", &["base.h", "the text \"small\"", "positive time in seconds"]),
         study("unknown choice", "\"both\"", "\"bth\"", &["sweep.grid.bounds", "bth", "did you mean \"both\""]),
         study("empty axis", "[0.1, 0.2, 0.4]", "[]", &["sweep.grid.mu", "no value"]),
@@ -52,21 +57,51 @@ fn mistakes() -> Vec<Mistake> {
         ),
         study("no such model", "arm.toml", "amr.toml", &["study.toml:3", "does not exist", "arm.toml"]),
         study("broken TOML", "[base]", "[base", &["study.toml:5"]),
-        study("unknown coordinate", "mu = [", "\"motion.elbw_angle_scale\" = [", &["elbw_angle", "did you mean `elbow_angle`"]),
+        study(
+            "unknown coordinate",
+            "mu = [",
+            "\"motion.elbw_angle_scale\" = [",
+            &["elbw_angle", "did you mean `elbow_angle`"],
+        ),
         model("unknown model key", "mass =", "mas =", &["arm.toml", "unknown field `mas`", "did you mean `mass`"]),
         model("negative mass", "mass = ", "mass = -", &["body.upper_arm.mass", "found -", "positive number (kg)"]),
-        model("unknown body", "child = \"forearm\"", "child = \"forarm\"", &["joint.elbow.child", "did you mean `forearm`"]),
-        model("missing key", "name = \"biceps\"\nmax_isometric_force", "name = \"biceps\"\nforce", &["arm.toml", "unknown field `force`"]),
+        model(
+            "unknown body",
+            "child = \"forearm\"",
+            "child = \"forarm\"",
+            &["joint.elbow.child", "did you mean `forearm`"],
+        ),
+        model(
+            "missing key",
+            "name = \"biceps\"\nmax_isometric_force",
+            "name = \"biceps\"\nforce",
+            &["arm.toml", "unknown field `force`"],
+        ),
         motion("no time", "m.csv", &format!("t,shoulder_angle_deg,elbow_angle_deg\n{rows}"), &["m.csv:1", "`t`"]),
-        motion("no unit", "m.csv", &format!("time,shoulder_angle,elbow_angle_deg\n{rows}"), &["m.csv:1", "unit", "_deg or _rad"]),
+        motion(
+            "no unit",
+            "m.csv",
+            &format!("time,shoulder_angle,elbow_angle_deg\n{rows}"),
+            &["m.csv:1", "unit", "_deg or _rad"],
+        ),
         motion(
             "missing column",
             "m.csv",
             "time,elbow_angle_deg\n0,1\n0.5,1\n0.7,1\n1,1\n",
             &["m.csv", "no column for shoulder_angle"],
         ),
-        motion("not a number", "m.csv", &format!("time,shoulder_angle_deg,elbow_angle_deg\n{}", rows.replace("0.5,1", "0.5,one")), &["line 3", "`one`"]),
-        motion("time goes back", "m.csv", &format!("time,shoulder_angle_deg,elbow_angle_deg\n{}", rows.replace("0.75", "0.25")), &["line 4", "does not come after"]),
+        motion(
+            "not a number",
+            "m.csv",
+            &format!("time,shoulder_angle_deg,elbow_angle_deg\n{}", rows.replace("0.5,1", "0.5,one")),
+            &["line 3", "`one`"],
+        ),
+        motion(
+            "time goes back",
+            "m.csv",
+            &format!("time,shoulder_angle_deg,elbow_angle_deg\n{}", rows.replace("0.75", "0.25")),
+            &["line 4", "does not come after"],
+        ),
         motion("no endheader", "m.mot", "inDegrees=yes\ntime elbow_angle\n0 1\n", &["m.mot:1", "endheader"]),
         motion("no inDegrees", "m.sto", "name\nendheader\ntime elbow_angle\n0 1\n", &["m.sto:1", "inDegrees"]),
     ]
@@ -84,8 +119,13 @@ fn each_mistake_gets_a_message_with_place_and_remedy() {
         }
         let run = sinew(&["run", "study.toml"], folder.path());
         // Lines are wrapped and framed for people: compare without the frame.
-        let message: String =
-            text(&run.stderr).chars().filter(|c| !"│╭╰─╯┬·×".contains(*c)).collect::<String>().split_whitespace().collect::<Vec<_>>().join(" ");
+        let message: String = text(&run.stderr)
+            .chars()
+            .filter(|c| !"│╭╰─╯┬·×".contains(*c))
+            .collect::<String>()
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
         assert_eq!(run.status.code(), Some(2), "{}: {message}", mistake.name);
         assert!(!message.contains("panicked"), "{}: {message}", mistake.name);
         for part in mistake.says {

@@ -94,7 +94,8 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let (l, v) = (solved.length(m, t, 0), solved.length(m, t, 1));
                 let a = solved.activation(m, t, 0);
-                let force = passive_force_length(l).value + a * active_force_length(l).value * printed_force_velocity(v);
+                let force =
+                    passive_force_length(l).value + a * active_force_length(l).value * printed_force_velocity(v);
                 let path = path_length(&model, m, &q);
                 let strain = (path - muscle.optimal_fibre_length * l) / muscle.tendon_slack_length - 1.0;
                 assert!((tendon_force(strain) - force).abs() < 1e-8, "contraction of {}", muscle.name);

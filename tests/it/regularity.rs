@@ -77,10 +77,8 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
                 .collect();
             let iterate = Iterate::new(&problem, x);
             let found = regularity::analyse(&problem, &iterate, &active).unwrap();
-            let setting = Setting {
-                shares_load: true,
-                at_collocation_points_only: grid == LoadSharingGrid::Collocation,
-            };
+            let setting =
+                Setting { shares_load: true, at_collocation_points_only: grid == LoadSharingGrid::Collocation };
             let predicted = scheme.predict(&problem, &iterate.x, &active, setting);
             assert_eq!(Some(found.a.deficiency), predicted.a, "A, p = {points}, round {round}");
             assert_eq!(Some(found.aj.deficiency), predicted.aj, "[A; J], p = {points}, round {round}");
