@@ -1,5 +1,7 @@
 //! A solution checked by code that did not make it.
 
+use nalgebra::{DMatrix, DVector};
+use num_dual::Dual64;
 use sinew::guess::start_guess;
 use sinew::model::Model;
 use sinew::model::curves::{active_force_length, passive_force_length, tendon_force};
@@ -173,4 +175,78 @@ fn activation_and_fibre_length_integrated_forward_show_the_gap_between_the_point
     // Excitation is constant over a span and steps by what it may: the gap falls with the span.
     assert!(activation_gaps[0] < 0.2, "{activation_gaps:?}");
     assert!(activation_gaps[2] < activation_gaps[0], "{activation_gaps:?}");
+}
+
+/// q̈ of the arm under given muscle forces (N), joints held by Lagrange multipliers with Baumgarte's stabilisation.
+fn acceleration(model: &Model, q: &[f64], rate: &[f64], forces: &[f64]) -> Vec<f64> {
+    let (nq, nc) = (model.coordinates(), model.constraints());
+    let mut matrix = DMatrix::zeros(nq + nc, nq + nc);
+    let mut right = DVector::zeros(nq + nc);
+    for (i, mass) in model.mass_diagonal().into_iter().enumerate() {
+        matrix[(i, i)] = mass;
+        right[i] = if i % 3 < 2 { mass * model.gravity[i % 3] } else { 0.0 };
+    }
+    for (muscle, force) in model.muscles.iter().zip(forces) {
+        let mut path = muscle.path.buffer();
+        muscle.path.length(q, false, &mut path);
+        muscle.path.slots.iter().zip(&path.gradient).for_each(|(&slot, g)| right[slot] -= force * g);
+    }
+    let moving: Vec<Dual64> = q.iter().zip(rate).map(|(&x, &v)| Dual64::new(x, v)).collect();
+    let rows = model.joints.iter().flat_map(|j| j.constraints(&moving).into_iter().map(move |f| (j.slots(), f)));
+    for (row, (slots, function)) in rows.enumerate() {
+        let stiffness = 20.0;
+        right[nq + row] = -2.0 * stiffness * function.value.eps - stiffness * stiffness * function.value.re;
+        for (slot, gradient) in slots.into_iter().zip(function.gradient) {
+            if let Some(i) = slot {
+                matrix[(i, nq + row)] = gradient.re;
+                matrix[(nq + row, i)] = gradient.re;
+                right[nq + row] -= gradient.eps * rate[i];
+            }
+        }
+    }
+    matrix.lu().solve(&right).expect("independent joints").as_slice()[..nq].to_vec()
+}
+
+#[test]
+fn the_motion_integrated_forward_under_the_found_forces_stays_near_for_a_while() {
+    let model = model("arm.toml");
+    for points in [6, 11, 21] {
+        let solved = solve(&model, points, Bounds::Both);
+        let at_points: Vec<Vec<f64>> = solved
+            .scheme
+            .points
+            .iter()
+            .map(|&t| {
+                let force = |m: usize| {
+                    let muscle = &model.muscles[m];
+                    let (a, l, v) = (solved.activation(m, t, 0), solved.length(m, t, 0), solved.length(m, t, 1));
+                    muscle.max_isometric_force * muscle.fibre_force(a, l, v).value
+                };
+                (0..model.muscles.len()).map(force).collect()
+            })
+            .collect();
+        let forces = |t: f64| -> Vec<f64> {
+            let place = t * (points - 1) as f64;
+            let j = (place as usize).min(points - 2);
+            let share = place - j as f64;
+            (0..model.muscles.len()).map(|m| (1.0 - share) * at_points[j][m] + share * at_points[j + 1][m]).collect()
+        };
+        let mut q: Vec<f64> = (0..6).map(|i| solved.coordinate(i, 0.0, 0)).collect();
+        let mut v: Vec<f64> = (0..6).map(|i| solved.coordinate(i, 0.0, 1)).collect();
+        let steps = 2000;
+        let h = 1.0 / f64::from(steps);
+        let mut gaps = [0.0f64; 2];
+        for i in 0..steps {
+            let t = f64::from(i) * h;
+            let half = |x: &[f64], d: &[f64]| x.iter().zip(d).map(|(x, d)| x + 0.5 * h * d).collect::<Vec<f64>>();
+            let (middle_q, middle_v) = (half(&q, &v), half(&v, &acceleration(&model, &q, &v, &forces(t))));
+            let a = acceleration(&model, &middle_q, &middle_v, &forces(t + 0.5 * h));
+            q.iter_mut().zip(&middle_v).for_each(|(x, d)| *x += h * d);
+            v.iter_mut().zip(&a).for_each(|(x, d)| *x += h * d);
+            let gap = (0..6).map(|k| (q[k] - solved.coordinate(k, t + h, 0)).abs()).fold(0.0, f64::max);
+            gaps[usize::from(t >= 0.2)] = gaps[usize::from(t >= 0.2)].max(gap);
+        }
+        println!("p = {points}: motion off by {:.3} in the first 0.2 s, {:.3} after (m, rad)", gaps[0], gaps[1]);
+        assert!(gaps[0] < 0.15 && gaps[1].is_finite(), "{gaps:?}");
+    }
 }
