@@ -74,8 +74,11 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
     }
 
     let ranked = Clock::now();
-    let polished = polished(&problem, &run.iterate, sqp_settings.target);
-    let point = polished.as_ref().unwrap_or(&run.iterate);
+    // Ranks are taken at the polished point; it is also the solution where it is as good a one.
+    let polished = polished(&problem, &run.iterate);
+    let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
+    let good = ranked_at.kkt_error().largest() <= sqp_settings.target.max(run.iterate.kkt_error().largest());
+    let point = if good { ranked_at } else { &run.iterate };
     let solution = Solution { problem: &problem, scheme: &scheme, measurement: &measurement, iterate: point };
     let mut outcome = Outcome {
         job: JobRow {
@@ -102,7 +105,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
             at_collocation_points_only: settings.load_sharing_grid == LoadSharingGrid::Collocation
                 || settings.measurement_ratio == 1,
         };
-        if let Some((row, spectrum)) = regularity_rows(&problem, &scheme, point, setting) {
+        if let Some((row, spectrum)) = regularity_rows(&problem, &scheme, ranked_at, setting) {
             (outcome.regularity, outcome.spectrum) = (Some(row), spectrum);
         }
     }
@@ -214,8 +217,8 @@ pub fn idle(problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
     idle
 }
 
-/// The solution with active bounds exactly on their value, if that keeps it a solution.
-fn polished(problem: &Collocation<'_>, iterate: &Iterate, tolerance: f64) -> Option<Iterate> {
+/// The solution with active bounds exactly on their value.
+fn polished(problem: &Collocation<'_>, iterate: &Iterate) -> Option<Iterate> {
     let mut x = polish(problem, &iterate.x, &active(&iterate.inequalities))?;
     // An idle muscle is put to exactly 0 where a ≥ 0 is not imposed, too.
     for (m, idle) in idle(problem, &x).into_iter().enumerate() {
@@ -233,7 +236,7 @@ fn polished(problem: &Collocation<'_>, iterate: &Iterate, tolerance: f64) -> Opt
     let mut polished = Iterate::new(problem, x);
     polished.equality_multipliers.clone_from(&iterate.equality_multipliers);
     polished.inequality_multipliers.clone_from(&iterate.inequality_multipliers);
-    (polished.kkt_error().largest() <= tolerance.max(iterate.kkt_error().largest())).then_some(polished)
+    Some(polished)
 }
 
 fn reason(run: &SqpOutcome) -> Option<String> {
