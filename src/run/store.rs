@@ -27,7 +27,8 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the store of a results folder. A last line that was cut off (by a kill, by a full disk) is dropped.
+    /// Opens the store of a results folder. Lines that cannot be read are passed over; a last one that was cut off (by a
+    /// kill, by a full disk) is removed.
     pub fn open(folder: &Path, fresh: bool) -> Result<Self> {
         let path = folder.join(FILE);
         let mut file = OpenOptions::new()
@@ -40,21 +41,21 @@ impl Store {
         let mut text = Vec::new();
         file.read_to_end(&mut text).map_err(|e| Error::io("read", &path, e))?;
         let mut outcomes = HashMap::new();
-        let mut whole = 0;
+        let (mut whole, mut damaged) = (0, 0);
         for line in text.split_inclusive(|&byte| byte == b'\n') {
-            let Ok(line_read) = serde_json::from_slice::<Line>(line) else {
-                // Nothing after a damaged line can be trusted to begin where it seems to: keep what is before.
-                break;
-            };
-            if !line.ends_with(b"\n") {
-                break;
+            match serde_json::from_slice::<Line>(line) {
+                Ok(read) if line.ends_with(b"\n") => {
+                    outcomes.insert(read.job_id, (read.version, read.outcome));
+                }
+                _ => damaged += 1,
             }
-            whole += line.len();
-            outcomes.insert(line_read.job_id, (line_read.version, line_read.outcome));
+            if line.ends_with(b"\n") {
+                whole += line.len();
+            }
         }
-        if whole < text.len() {
-            let lost = text[whole..].split(|&b| b == b'\n').filter(|l| !l.is_empty()).count();
-            eprintln!("note: {} ends in {lost} damaged line(s): those jobs run again", path.display());
+        if damaged > 0 {
+            eprintln!("note: {} holds {damaged} damaged line(s): those jobs run again", path.display());
+            // A last line that was cut off would spoil the next one.
             file.set_len(whole as u64).map_err(|e| Error::io("mend", &path, e))?;
         }
         file.seek(SeekFrom::Start(whole as u64)).map_err(|e| Error::io("open", &path, e))?;
