@@ -12,9 +12,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Input(Box<InputError>),
-    #[error("cannot {action} {}: {source}", path.display())]
-    #[diagnostic(help("{}", hint(source, path)))]
-    Io { action: &'static str, path: PathBuf, source: std::io::Error },
+    #[error("cannot {action} {}: {source}", 
     #[error("cannot {action} {}: {reason}", path.display())]
     Table { action: &'static str, path: PathBuf, reason: String },
 }
@@ -34,8 +32,8 @@ pub struct InputError {
 }
 
 impl Error {
-    pub fn io(action: &'static str, path: &Path, source: std::io::Error) -> Self {
-        Error::Io { action, path: path.to_owned(), source }
+    pub fn io(action: &'static str, path: &Path, cause: std::io::Error) -> Self {
+        Error::Io { action, path: path.to_owned(), cause }
     }
 
     pub fn table(action: &'static str, path: &Path, reason: impl ToString) -> Self {
@@ -43,8 +41,8 @@ impl Error {
     }
 }
 
-fn hint(source: &std::io::Error, path: &Path) -> String {
-    match source.kind() {
+fn hint(cause: &std::io::Error, path: &Path) -> String {
+    match cause.kind() {
         std::io::ErrorKind::NotFound => match nearest_file(path) {
             Some(near) => format!("no such file; did you mean `{}`?", near.display()),
             None => "no such file: paths in a study file are relative to the study file".to_owned(),
@@ -62,7 +60,7 @@ fn nearest_file(path: &Path) -> Option<PathBuf> {
         .ok()?
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
         .collect();
-    nearest(name, names.iter().map(String::as_str)).map(|near| folder.join(near))
+    nearest(name, names.iter().map(String::as_str).filter(|other| *other != name)).map(|near| folder.join(near))
 }
 
 /// The allowed word nearest to a misspelt one, if one is near.

@@ -21,9 +21,9 @@ const AFTER: &str = "status";
 pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let manifest = dir.join("manifest.json");
     if !manifest.exists() {
-        let missing =
-            std::io::Error::new(std::io::ErrorKind::NotFound, "no manifest.json, so no results folder of Sinew");
-        return Err(Error::io("show", dir, missing));
+        let reason = "there is no manifest.json in it, so it holds no finished run of Sinew; `sinew run STUDY` makes one, and \
+                      goes on with one that was cut off";
+        return Err(Error::table("show", dir, reason));
     }
     let read = |name: &'static str| tables::read(name, &dir.join(format!("{name}.parquet")));
     let (jobs, regularity, muscles) = (read("jobs")?, read("regularity")?, read("muscles")?);

@@ -64,8 +64,4 @@ impl Filter {
         self.entries.retain(|&(v, o)| v < here.0 || o < here.1);
         self.entries.push(here);
     }
-
-    pub fn clear(&mut self) {
-        self.entries.clear();
-    }
 }

@@ -206,11 +206,8 @@ impl Study {
 /// Reads a file that a study names; if it is not there the error points at the key.
 fn read_named(study: &SourceFile, key: &str, path: &Path) -> Result<SourceFile> {
     SourceFile::read(path).map_err(|error| match &error {
-        Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-            let help = match &error {
-                Error::Io { .. } => miette::Diagnostic::help(&error).map(|h| h.to_string()),
-                _ => None,
-            };
+        Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound => {
+            let help = miette::Diagnostic::help(&error).map(|h| h.to_string());
             study.error(
                 study.toml_span(&[key.to_owned()]),
                 format!("the {key} file {} does not exist", path.display()),
