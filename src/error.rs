@@ -12,7 +12,9 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Input(Box<InputError>),
-    #[error("cannot {action} {}: {source}", 
+    #[error("cannot {action} {}: {cause}", path.display())]
+    #[diagnostic(help("{}", hint(cause, path)))]
+    Io { action: &'static str, path: PathBuf, cause: std::io::Error },
     #[error("cannot {action} {}: {reason}", path.display())]
     Table { action: &'static str, path: PathBuf, reason: String },
 }
