@@ -106,6 +106,10 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
                 || settings.measurement_ratio == 1,
         };
         if let Some((row, spectrum)) = regularity_rows(&problem, &scheme, ranked_at, setting) {
+            // The last iterate is the solution: its count is the polished one.
+            if let (Some(last), true) = (outcome.iterations.last_mut(), run.status == SqpStatus::Converged) {
+                (last.deficiency_a, last.deficiency_aj) = (Some(row.a.deficiency), Some(row.aj.deficiency));
+            }
             (outcome.regularity, outcome.spectrum) = (Some(row), spectrum);
         }
     }
@@ -183,10 +187,15 @@ pub fn disturb(guess: &[f64], scheme: &Midpoint, model: &Model, seed: u64, k: us
     x
 }
 
-/// The converged run of lowest objective; if none converged, the first.
+/// The converged run of lowest objective; if none converged, that of least KKT error.
 fn best(runs: &[SqpOutcome]) -> usize {
     let converged = runs.iter().enumerate().filter(|(_, run)| run.status == SqpStatus::Converged);
-    converged.min_by(|a, b| a.1.iterate.objective.total_cmp(&b.1.iterate.objective)).map_or(0, |(k, _)| k)
+    let nearest = || {
+        let error = |run: &SqpOutcome| Some(run.iterate.kkt_error().largest()).filter(|e| e.is_finite());
+        let errors = runs.iter().enumerate().filter_map(|(k, run)| Some((k, error(run)?)));
+        errors.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(k, _)| k)
+    };
+    converged.min_by(|a, b| a.1.iterate.objective.total_cmp(&b.1.iterate.objective)).map_or_else(nearest, |(k, _)| k)
 }
 
 /// Number of optima among the converged runs: objectives more than 1e-6 relative, or idle sets, apart.

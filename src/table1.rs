@@ -46,7 +46,8 @@ impl Group {
         THESIS
             .iter()
             .filter_map(|&(grid, bounds, a, aj)| {
-                let found = self.cells.get(&(grid.to_owned(), bounds.to_owned()))?.deficiencies?;
+                let cell = self.cells.get(&(grid.to_owned(), bounds.to_owned()))?;
+                let found = cell.deficiencies.filter(|_| cell.status == "converged")?;
                 Some(usize::from(found.0 == a) + usize::from(found.1 == aj))
             })
             .sum()

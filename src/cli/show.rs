@@ -39,6 +39,7 @@ pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let sampled = axes.iter().any(|axis| axis == SAMPLE);
     if sampled && !groups.is_empty() {
         search(&groups);
+        remarks(&jobs, 0, if all { usize::MAX } else { BEST });
         return Ok(GOOD);
     }
     for group in &groups {
@@ -47,7 +48,7 @@ pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let limit = if all { jobs.rows() } else { FIRST.min(jobs.rows()) };
     job_table(&jobs, &regularity, &axes, limit);
     muscle_table(&jobs, &muscles, limit);
-    remarks(&jobs, limit);
+    remarks(&jobs, limit, usize::MAX);
     if limit < jobs.rows() {
         print(&format!("\n… {} more job(s): --all shows them", jobs.rows() - limit));
     }
@@ -271,13 +272,21 @@ fn muscle_table(jobs: &Table, muscles: &Table, limit: usize) {
     print(&format!("\nMuscle forces, mean/peak in N\n{}", table.trim_fmt()));
 }
 
-fn remarks(jobs: &Table, limit: usize) {
+/// Reasons of failed jobs, `most` of them, and remarks on the first `limit` jobs.
+fn remarks(jobs: &Table, limit: usize, most: usize) {
+    let mut failed = 0;
     for row in 0..jobs.rows() {
         let index = jobs.display("index", row).unwrap_or_default();
         if let Some(error) = jobs.text("error", row) {
-            print(&format!("job {index}: {}: {error}", jobs.text("status", row).unwrap_or("?")));
+            failed += 1;
+            if failed <= most {
+                print(&format!("job {index}: {}: {error}", jobs.text("status", row).unwrap_or("?")));
+            }
         } else if let (Some(remark), true) = (jobs.text("remark", row), row < limit) {
             print(&format!("job {index}: {remark}"));
         }
+    }
+    if failed > most {
+        print(&format!("… and {} more failed job(s): --all shows them", failed - most));
     }
 }

@@ -165,6 +165,9 @@ impl ModelFile {
         if self.body.is_empty() {
             return Err(Issue::new(&["body"], "the model has no body", "add at least one `[[body]]` table"));
         }
+        if self.muscle.is_empty() {
+            return Err(Issue::new(&["muscle"], "the model has no muscle", "add at least one `[[muscle]]` table"));
+        }
         finite(&["gravity"], &self.gravity)?;
         let curve = ForceVelocity {
             shortening: self.curves.shortening_curvature,

@@ -47,7 +47,8 @@ impl MotionTable {
 
     fn from_csv(file: &SourceFile, model: &Model) -> Result<Self> {
         let mut rows = Vec::new();
-        for (i, line) in file.text.lines().enumerate() {
+        // Spreadsheets put a byte order mark first.
+        for (i, line) in file.text.trim_start_matches('\u{feff}').lines().enumerate() {
             if !line.trim().is_empty() && !line.starts_with('#') {
                 rows.push(Row { line: i + 1, fields: line.split(',').map(str::trim).collect() });
             }
@@ -148,6 +149,14 @@ impl MotionTable {
                     Some(format!("{near}the model has: {}", known.join(", "))),
                 ));
             };
+            if wanted.iter().any(|(_, other, _)| other == coordinate) {
+                return Err(file.error(
+                    file.line_span(header.line),
+                    format!("the joint coordinate `{coordinate}` has two columns"),
+                    "in this header",
+                    Some("remove one of them".to_owned()),
+                ));
+            }
             let angular = joint.kind.is_angular();
             let factor = match (angular, in_degrees, unit) {
                 (true, Some(true), _) | (true, None, Some("deg")) => std::f64::consts::PI / 180.0,

@@ -15,7 +15,8 @@ pub fn active(values: &[f64]) -> Vec<bool> {
     values.iter().map(|&slack| slack <= ACTIVE).collect()
 }
 
-/// The point next to `x` (least change) where `c = 0` and the `active` rows of d vanish, to 1e-13.
+/// The point next to `x` (least change) where `c = 0` and the `active` rows of d vanish, to 1e-13 of the largest unknown
+/// (fibre lengths that alternate widely leave no more digits).
 ///
 /// `None` if Newton's method on them does not get there.
 pub fn polish(problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f64>> {
@@ -39,7 +40,8 @@ pub fn polish(problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f
             }
         }
         let size = right.iter().fold(0.0f64, |a, r| a.max(r.abs()));
-        if size <= EXACT {
+        let largest = here.x.iter().fold(1.0f64, |a, x| a.max(x.abs()));
+        if size <= EXACT * largest {
             return Some(here.x);
         }
         kkt.factorise(&KktValues {

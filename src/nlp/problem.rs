@@ -28,6 +28,9 @@ pub trait Problem: Sync {
     /// c(x) and d(x).
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]);
 
+    /// Largest violation of any constraint in the units of the unscaled problem.
+    fn feasibility(&self, x: &[f64]) -> f64;
+
     /// Zero matrices with the patterns of ∂c/∂x, ∂d/∂x and of the upper triangle of ∇²L.
     fn patterns(&self) -> [&Sparse; 3];
 

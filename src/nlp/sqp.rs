@@ -194,6 +194,16 @@ impl Sqp<'_> {
                 break status;
             }
         };
+        // A feasibility phase that failed has left the last point of the trace.
+        if trace.last().is_some_and(|last| last.x != self.here.x) {
+            trace.push(Record {
+                x: self.here.x.clone(),
+                objective: self.here.objective,
+                error: self.here.kkt_error(),
+                step_norm: 0.0,
+                qp_iterations: 0,
+            });
+        }
         SqpOutcome { status, iterate: self.here, trace, factorisations: self.factorisations }
     }
 
@@ -201,7 +211,7 @@ impl Sqp<'_> {
         let enough = if creeps { self.settings.tolerance } else { self.settings.target };
         if !self.here.is_finite() || error.largest().is_nan() {
             Some(SqpStatus::NonFinite)
-        } else if error.largest() <= enough {
+        } else if error.largest() <= enough && self.problem.feasibility(&self.here.x) <= enough {
             Some(SqpStatus::Converged)
         } else if iteration >= self.settings.max_iterations {
             Some(SqpStatus::IterationLimit)

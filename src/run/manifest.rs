@@ -42,7 +42,7 @@ pub fn write(study: &Study, finished: usize, files: &[(String, String)], path: &
             "file": study.path,
             "hash": study.hash(),
             "model": { "file": study.model_path, "hash": study.model_hash() },
-            "motion": { "file": study.motion_path },
+            "motion": { "file": study.motion_path, "hash": study.motion_hash() },
         },
         "host": {
             "name": std::fs::read_to_string("/etc/hostname").map(|n| n.trim().to_owned()).ok(),

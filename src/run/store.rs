@@ -35,9 +35,17 @@ impl Store {
             .create(true)
             .read(true)
             .write(true)
-            .truncate(fresh)
+            .truncate(false)
             .open(&path)
             .map_err(|e| Error::io("open", &path, e))?;
+        if file.try_lock().is_err() {
+            let busy =
+                std::io::Error::other("another run is at work in this folder; wait for it, or choose another --out");
+            return Err(Error::io("open", &path, busy));
+        }
+        if fresh {
+            file.set_len(0).map_err(|e| Error::io("empty", &path, e))?;
+        }
         let mut text = Vec::new();
         file.read_to_end(&mut text).map_err(|e| Error::io("read", &path, e))?;
         let mut outcomes = HashMap::new();

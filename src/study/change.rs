@@ -29,6 +29,11 @@ impl ModelChange {
         }
     }
 
+    /// Whether this multiplies a value instead of setting it.
+    pub fn is_factor(&self) -> bool {
+        self.path.ends_with("_scale")
+    }
+
     /// Changes the model file's table.
     ///
     /// # Errors

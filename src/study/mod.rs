@@ -32,6 +32,7 @@ pub struct Study {
     /// Names of everything swept, in order.
     pub axes: Vec<String>,
     pub jobs: Vec<Job>,
+    motion_hash: String,
     model_table: toml::Table,
 }
 
@@ -119,10 +120,8 @@ impl Study {
                 .and_then(|value| assign(&mut base, &mut base_changes, &name, &value, &coordinates));
             assigned.map_err(|c| fail(complaint_at(&["base"], &name, c)))?;
         }
-        changed_model(&model_table, &base_changes).map_err(|c| {
-            let name = base_changes.last().map_or("", |change| change.path.as_str());
-            fail(complaint_at(&["base"], name, c))
-        })?;
+        changed_model(&model_table, &base_changes)
+            .map_err(|c| fail(complaint_at(&["base"], culprit(&model_table, &base_changes), c)))?;
 
         let assignments = sweep::expand(&sub_table("sweep")?).map_err(fail)?;
         let axes: Vec<String> = assignments[0].iter().map(|(name, _)| name.clone()).collect();
@@ -150,10 +149,11 @@ impl Study {
                     complaint_at(&["base"], "h", c)
                 })
             })?;
-            if changes.len() > base_changes.len() {
+            if changes != base_changes {
                 changed_model(&model_table, &changes).map_err(|c| {
-                    let name = &changes[base_changes.len()..].last().expect("there is one").path;
-                    fail(swept_issue(&table, name, c))
+                    let name = culprit(&model_table, &changes);
+                    let swept = axes.iter().any(|axis| axis == name);
+                    fail(if swept { swept_issue(&table, name, c) } else { complaint_at(&["base"], name, c) })
                 })?;
             }
             let identity = Identity {
@@ -167,6 +167,16 @@ impl Study {
             let id = blake3::hash(&canonical).to_hex()[..16].to_owned();
             jobs.push(Job { id, index, settings, changes, swept, points });
         }
+        let mut first = std::collections::HashMap::new();
+        for job in &jobs {
+            if let Some(other) = first.insert(&job.id, job.index) {
+                return Err(fail(Issue::new(
+                    &["sweep"],
+                    format!("jobs {other} and {} are the same", job.index),
+                    "remove the repeated value of an axis",
+                )));
+            }
+        }
         Ok(Self {
             name,
             description,
@@ -177,6 +187,7 @@ impl Study {
             motion,
             axes,
             jobs,
+            motion_hash,
             model_table,
         })
     }
@@ -196,6 +207,11 @@ impl Study {
             hasher.update(job.id.as_bytes());
         });
         hasher.finalize().to_hex()[..16].to_owned()
+    }
+
+    /// Hash of the motion file.
+    pub fn motion_hash(&self) -> &str {
+        &self.motion_hash
     }
 
     pub fn model_hash(&self) -> String {
@@ -247,11 +263,25 @@ fn assign(
     coordinates: &[(String, bool)],
 ) -> std::result::Result<(), Complaint> {
     if is_model_path(name) {
-        changes.push(ModelChange::new(name, value)?);
+        // A swept value replaces the fixed one; a factor applies to whatever value is set.
+        let change = ModelChange::new(name, value)?;
+        changes.retain(|other| other.path != change.path);
+        let at = if change.is_factor() {
+            changes.len()
+        } else {
+            changes.iter().position(ModelChange::is_factor).unwrap_or(changes.len())
+        };
+        changes.insert(at, change);
         Ok(())
     } else {
         settings.set(name, value, coordinates)
     }
+}
+
+/// The path of the first change without which the ones before it still make a model.
+fn culprit<'c>(model: &toml::Table, changes: &'c [ModelChange]) -> &'c str {
+    let first = (1..=changes.len()).find(|&n| changed_model(model, &changes[..n]).is_err());
+    first.map_or("", |n| changes[n - 1].path.as_str())
 }
 
 /// `a.b.c = v`, written as tables or as a quoted key, becomes ("a.b.c", v). `None`: neither number, text nor flag.

@@ -311,7 +311,23 @@ impl Settings {
                 format!("near values that do: {} s ({few} intervals), {} s ({many})", duration / few, duration / many),
             ));
         }
-        Ok(whole as usize + 1)
+        let points = whole as usize + 1;
+        let most = match self.regularity {
+            RegularityMode::EveryIteration => 101,
+            RegularityMode::Optimum => 201,
+            RegularityMode::Off => 100_001,
+        };
+        if points > most {
+            return Err(Complaint::new(
+                format!(
+                    "h = {} s gives {points} points; with regularity = \"{}\" {most} are the most",
+                    self.h,
+                    self.regularity.name()
+                ),
+                "ranks are taken of dense matrices: set regularity = \"optimum\" or \"off\", or a larger h",
+            ));
+        }
+        Ok(points)
     }
 }
 

@@ -89,6 +89,16 @@ fn table<'t>(sweep: &'t toml::Table, kind: &str) -> Result<Option<&'t toml::Tabl
 /// The values of one axis: a list, or a range.
 fn axis(kind: &str, name: &str, spec: &toml::Value) -> Result<Vec<Value>, Issue> {
     let issue = |message: String, help: &str| Issue::new(&["sweep", kind, name], message, help);
+    if name == SAMPLE {
+        return Err(issue("`sample` numbers the samples".into(), "use [sweep.sample] with count and seed"));
+    }
+    if let (toml::Value::Table(inner), true) = (spec, super::change::is_model_path(name) || name == "motion") {
+        let first = inner.keys().next().map_or("…", String::as_str);
+        return Err(issue(
+            format!("found the table `{name}`"),
+            &format!("quote the whole name: \"{name}.{first}.…\" = […]"),
+        ));
+    }
     match spec {
         toml::Value::Array(items) if items.is_empty() => {
             Err(issue("the axis has no value".into(), "give at least one value, or remove the axis"))
@@ -136,7 +146,10 @@ fn axis(kind: &str, name: &str, spec: &toml::Value) -> Result<Vec<Value>, Issue>
                     (_, false) => from + share * (to - from),
                 }
             };
-            Ok((0..count).map(|i| Value::Number(at(i))).collect())
+            // Whole numbers between whole ends stay whole: starts, seeds, ratios.
+            let whole = !log && ["from", "to"].iter().all(|key| range.get(*key).is_some_and(toml::Value::is_integer));
+            let value = |x: f64| if whole && x.fract() == 0.0 { Value::Integer(x as i64) } else { Value::Number(x) };
+            Ok((0..count).map(|i| value(at(i))).collect())
         }
         other => Err(issue(
             format!("found the single value {other}"),

@@ -20,7 +20,9 @@ pub fn write(table: &Table, path: &Path, metadata: &[(String, String)]) -> Resul
         .map(|(name, values)| {
             let name = name.as_str().into();
             match values {
-                Values::Number(v) => Series::new(name, v.iter().map(|x| x.filter(|x| !x.is_nan())).collect::<Vec<_>>()),
+                Values::Number(v) => {
+                    Series::new(name, v.iter().map(|x| x.filter(|x| x.is_finite())).collect::<Vec<_>>())
+                }
                 Values::Integer(v) => Series::new(name, v),
                 Values::Flag(v) => Series::new(name, v),
                 Values::Text(v) => Series::new(name, v),

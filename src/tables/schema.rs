@@ -218,20 +218,34 @@ fn trajectories(finished: &[(&Job, &Outcome)]) -> Table {
     )
 }
 
-/// Unit of a column, for the file metadata.
+/// Unit of a column, for the file metadata: of a swept number of the model by the last key of its path.
 pub fn unit(column: &str) -> &'static str {
     let by_ending = [
+        ("_scale", "1"),
         ("_per_s", "optimal fibre lengths/s"),
+        ("max_shortening_velocity", "optimal fibre lengths/s"),
         ("_n_s", "N s"),
         ("_n", "N"),
+        ("_hz", "Hz"),
         ("_deg", "degree"),
+        ("_rad", "rad"),
         ("_m", "m"),
         ("_s", "s"),
+        (".mass", "kg"),
+        (".inertia", "kg m²"),
+        ("_isometric_force", "N"),
+        ("_length", "m"),
+        ("ation_time", "s"),
+        (".moment", "N m"),
     ];
     match column {
         "effort" | "h" => "s",
         "max_constraint_velocity" => "m/s, rad/s",
         "ringing" => "optimal fibre lengths/s",
+        "noise_sd" => "m, rad",
+        _ if column.contains("point.") || column.contains("centre_of_mass.") => "m",
+        _ if column.starts_with("gravity.") => "m/s²",
+        _ if column.contains(".force.") => "N",
         _ => by_ending.iter().find(|(ending, _)| column.ends_with(ending)).map_or("1", |(_, unit)| unit),
     }
 }

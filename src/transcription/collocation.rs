@@ -251,26 +251,6 @@ impl<'m> Collocation<'m> {
             BoundKind::Force => self.instant.fibre_force(z, bound.muscle),
         }
     }
-
-    /// Feasibility of the unscaled problem (the contract's): the largest of |eq. (1)| over total weight, |eq. (3)| as
-    /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, and initial-value rows.
-    pub fn feasibility(&self, x: &[f64]) -> f64 {
-        let mut worst: f64 = self.layout.initial.iter().map(|row| evaluate(row, x).abs()).fold(0.0, worse);
-        let mut residual = vec![0.0; self.instant.equations()];
-        let [_, contraction, activation] = self.instant.row_starts();
-        for point in 0..self.layout.points.len() {
-            let z = self.local(point, x);
-            self.instant.residual(&z, &mut residual);
-            for m in 0..activation - contraction {
-                residual[contraction + m] = self.instant.printed_contraction_residual(&z, m);
-            }
-            worst = residual.iter().map(|r| r.abs()).fold(worst, worse);
-        }
-        for bound in &self.bounds {
-            worst = worse(worst, -self.slack(bound, &self.local(bound.point, x)));
-        }
-        worst
-    }
 }
 
 /// The larger, and NaN if either is.
@@ -316,6 +296,26 @@ impl Problem for Collocation<'_> {
                 inequalities[row] = self.slack(&self.bounds[row], &z);
             }
         }
+    }
+
+    /// Feasibility of the unscaled problem (the contract's): the largest of |eq. (1)| over total weight, |eq. (3)| as
+    /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, and initial-value rows.
+    fn feasibility(&self, x: &[f64]) -> f64 {
+        let mut worst: f64 = self.layout.initial.iter().map(|row| evaluate(row, x).abs()).fold(0.0, worse);
+        let mut residual = vec![0.0; self.instant.equations()];
+        let [_, contraction, activation] = self.instant.row_starts();
+        for point in 0..self.layout.points.len() {
+            let z = self.local(point, x);
+            self.instant.residual(&z, &mut residual);
+            for m in 0..activation - contraction {
+                residual[contraction + m] = self.instant.printed_contraction_residual(&z, m);
+            }
+            worst = residual.iter().map(|r| r.abs()).fold(worst, worse);
+        }
+        for bound in &self.bounds {
+            worst = worse(worst, -self.slack(bound, &self.local(bound.point, x)));
+        }
+        worst
     }
 
     fn patterns(&self) -> [&Sparse; 3] {
