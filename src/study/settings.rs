@@ -324,7 +324,7 @@ impl Settings {
                     self.h,
                     self.regularity.name()
                 ),
-                "ranks are taken of dense matrices: set regularity = \"optimum\" or \"off\", or a larger h",
+                "ranks are taken of dense matrices: set regularity = \"optimum\" (up to 201 points) or \"off\", or a larger h",
             ));
         }
         Ok(points)

@@ -55,6 +55,14 @@ fn mistakes() -> Vec<Mistake> {
             "\"muscle.triceps.tendon_slack_length_scale\" = [-0.1",
             &["tendon_slack_length", "found -", "must be a positive number (m)"],
         ),
+        study("a repeated value", "[0.1, 0.2, 0.4]", "[0.1, 0.1]", &["sweep", "jobs 0 and 2 are the same"]),
+        study(
+            "an unquoted path",
+            "mu = [",
+            "muscle.triceps.tendon_slack_length_scale = [",
+            &["sweep.grid.muscle", "quote the whole name"],
+        ),
+        study("too many points for dense ranks", "h = 0.2", "h = 0.002", &["base.h", "501 points", "or \"off\""]),
         study("no such model", "arm.toml", "amr.toml", &["study.toml:3", "does not exist", "arm.toml"]),
         study("broken TOML", "[base]", "[base", &["study.toml:5"]),
         study(

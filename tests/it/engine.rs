@@ -181,3 +181,35 @@ fn missing_values_are_null_never_nan() {
         }
     }
 }
+
+#[test]
+fn a_swept_value_replaces_the_fixed_one_and_factors_come_last() {
+    let text = SMALL.replace(
+        "[sweep.grid]",
+        "\"muscle.triceps.max_isometric_force_scale\" = 1.2\n\"muscle.biceps.max_isometric_force_scale\" = 2.0\n\
+         [sweep.grid]\n\"muscle.triceps.max_isometric_force_scale\" = [0.5]\n\"muscle.biceps.max_isometric_force\" = [100.0]",
+    );
+    let folder = folder(&[("study.toml", &text)]);
+    let (_, study) = study(&folder);
+    let model = study.model_of(&study.jobs[0]).unwrap();
+    let strength = |name: &str| model.muscles.iter().find(|m| m.name == name).unwrap().max_isometric_force;
+    assert_eq!(strength("triceps"), 150.0, "300 N in the file, the swept factor alone");
+    assert_eq!(strength("biceps"), 200.0, "the swept value, then the fixed factor");
+}
+
+#[test]
+fn two_runs_do_not_share_a_folder() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    let inner = std::sync::Mutex::new(None);
+    run_with(&study, &options(&out, 1), &AtomicBool::new(false), &|study, job| {
+        if job.index == 0 {
+            let second = run(study, &options(&out, 1), &AtomicBool::new(false));
+            *inner.lock().unwrap() = Some(second.unwrap_err().to_string());
+        }
+        Outcome::failed(Status::Invalid, "not solved in this test")
+    })
+    .unwrap();
+    assert!(inner.into_inner().unwrap().unwrap().contains("another run is at work"));
+}
