@@ -211,6 +211,7 @@ impl ModelFile {
                 ));
             }
         }
+        self.check_connections(&joints)?;
         let muscles = self.muscle.iter().map(|m| self.muscle(m, curve)).collect::<std::result::Result<Vec<_>, _>>()?;
         let forces = self.force.iter().map(|f| self.force(f)).collect::<std::result::Result<Vec<_>, _>>()?;
         let bodies = self
@@ -219,6 +220,27 @@ impl ModelFile {
             .map(|b| Body { name: b.name.clone(), mass: b.mass, inertia: b.inertia, centre_of_mass: b.centre_of_mass })
             .collect();
         Ok(Model { name: self.name.clone(), gravity: self.gravity, bodies, joints, muscles, forces })
+    }
+
+    /// Joint coordinates place a body only through a chain of joints from the ground.
+    fn check_connections(&self, joints: &[Joint]) -> std::result::Result<(), Issue> {
+        let mut tied = vec![false; self.body.len()];
+        for _ in &self.body {
+            for joint in joints {
+                let ends = joint.bodies();
+                if ends.iter().any(|end| end.is_none_or(|body| tied[body])) {
+                    ends.into_iter().flatten().for_each(|body| tied[body] = true);
+                }
+            }
+        }
+        match tied.iter().position(|tied| !tied) {
+            None => Ok(()),
+            Some(body) => Err(Issue::new(
+                &["body", &self.body[body].name],
+                "no chain of joints ties this body to the ground",
+                "add a joint between it and the ground or a body that is tied to the ground",
+            )),
+        }
     }
 
     /// A point of a body's frame, relative to its centre of mass.
