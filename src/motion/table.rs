@@ -31,11 +31,16 @@ impl MotionTable {
     /// A message with file and line if the header lacks `time`, a column is no coordinate of the model or has no
     /// unit, a field is missing or no finite number, or time does not increase.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
-        let file = SourceFile::read(path)?;
+        Self::from_file(&SourceFile::read(path)?, model)
+    }
+
+    /// [`MotionTable::load`] of a file that is read already.
+    pub fn from_file(file: &SourceFile, model: &Model) -> Result<Self> {
+        let path = &file.path;
         let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
         match ending {
-            "csv" => Self::from_csv(&file, model),
-            "mot" | "sto" => Self::from_storage(&file, model),
+            "csv" => Self::from_csv(file, model),
+            "mot" | "sto" => Self::from_storage(file, model),
             _ => Err(file.error(
                 None,
                 format!("{}: unknown kind of motion file `.{ending}`", path.display()),

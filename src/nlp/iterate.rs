@@ -1,6 +1,7 @@
 //! A point of the iteration with everything evaluated there, and its three KKT residuals.
 
 use super::problem::{Multipliers, Problem};
+use crate::numerics::larger;
 use crate::numerics::sparse::Sparse;
 
 /// x, its multipliers, and the functions and first derivatives at x.
@@ -37,11 +38,6 @@ impl KktError {
     pub fn largest(&self) -> f64 {
         larger(larger(self.stationarity, self.feasibility), self.complementarity)
     }
-}
-
-/// The larger, and NaN if either is.
-fn larger(a: f64, b: f64) -> f64 {
-    if a.is_nan() || a > b { a } else { b }
 }
 
 fn largest(values: impl Iterator<Item = f64>) -> f64 {

@@ -225,7 +225,6 @@ impl Sqp<'_> {
     /// One step from `here` to the next point.
     fn iterate(&mut self, error: KktError, record: &mut Record) -> Result<(), SqpStatus> {
         self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Exact, &mut self.hessian);
-        self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Convex, &mut self.convex);
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
         for attempt in 0..ATTEMPTS {
@@ -275,7 +274,15 @@ impl Sqp<'_> {
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one.
-            for (hessian, most) in [(&self.hessian, MOST), (&self.convex, f64::INFINITY)] {
+            for (curvature, most) in [(Curvature::Exact, MOST), (Curvature::Convex, f64::INFINITY)] {
+                let hessian = match curvature {
+                    Curvature::Exact => &self.hessian,
+                    Curvature::Convex => {
+                        let (x, multipliers) = (&self.here.x, self.here.multipliers());
+                        self.problem.hessian(x, multipliers, curvature, &mut self.convex);
+                        &self.convex
+                    }
+                };
                 let mut delta = *damping;
                 let found = interior_point::solve(&mut self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
                 if let Ok(step) = found {

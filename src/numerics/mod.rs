@@ -8,6 +8,11 @@ pub mod rank;
 pub mod sparse;
 pub mod staged;
 
+/// The larger, and NaN if either is.
+pub fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
 /// A real number or a dual number over it: functions generic in this give exact directional derivatives.
 pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}
 

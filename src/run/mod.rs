@@ -7,7 +7,6 @@ mod manifest;
 mod progress;
 mod store;
 
-use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -66,10 +65,8 @@ pub fn run_with(
 ) -> Result<RunReport> {
     std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
     let mut store = Store::open(&options.out, options.fresh)?;
-    let mut seen = HashSet::new();
-    let pending: Vec<&Job> =
-        study.jobs.iter().filter(|job| store.get(&job.id).is_none() && seen.insert(&job.id)).collect();
-    let kept = study.jobs.iter().filter(|job| store.get(&job.id).is_some()).count();
+    let pending: Vec<&Job> = study.jobs.iter().filter(|job| store.get(&job.id).is_none()).collect();
+    let kept = study.jobs.len() - pending.len();
     if let Some(note) = store.version_note(study) {
         eprintln!("note: {note}");
     }
@@ -81,30 +78,29 @@ pub fn run_with(
         .map_err(|e| Error::io("start threads for", &options.out, std::io::Error::other(e)))?;
     let mut progress = Progress::new(pending.len());
     let (send, receive) = mpsc::channel::<(&Job, Outcome)>();
-    let written = quiet_workers(|| {
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                pool.install(|| {
-                    pending.par_iter().with_max_len(1).for_each_with(send, |send, job| {
-                        if !stop.load(Ordering::Relaxed) {
-                            // The receiver hangs up only when the disk fails; then nothing is left to say.
-                            let _ = send.send((job, contained(study, job, solver)));
-                        }
-                    });
+    quiet_workers();
+    let written = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            pool.install(|| {
+                pending.par_iter().with_max_len(1).for_each_with(send, |send, job| {
+                    if !stop.load(Ordering::Relaxed) {
+                        // The receiver hangs up only when the disk fails; then nothing is left to say.
+                        let _ = send.send((job, contained(study, job, solver)));
+                    }
                 });
             });
-            let mut result = Ok(());
-            for (job, outcome) in receive {
-                if result.is_ok() {
-                    progress.finished(outcome.job.status);
-                    result = store.add(&job.id, outcome);
-                    if result.is_err() {
-                        stop.store(true, Ordering::Relaxed);
-                    }
+        });
+        let mut result = Ok(());
+        for (job, outcome) in receive {
+            if result.is_ok() {
+                progress.finished(outcome.job.status);
+                result = store.add(&job.id, outcome);
+                if result.is_err() {
+                    stop.store(true, Ordering::Relaxed);
                 }
             }
-            result
-        })
+        }
+        result
     });
     progress.end();
     written?;
@@ -135,8 +131,8 @@ fn contained(study: &Study, job: &Job, solver: &(dyn Fn(&Study, &Job) -> Outcome
 
 const WORKER: &str = "sinew-worker-";
 
-/// Keeps panics of the workers off the terminal while `f` runs: they become rows.
-fn quiet_workers<T>(f: impl FnOnce() -> T) -> T {
+/// Keeps panics of the workers off the terminal: they become rows.
+fn quiet_workers() {
     use std::sync::Once;
     static INSTALL: Once = Once::new();
     INSTALL.call_once(|| {
@@ -147,7 +143,6 @@ fn quiet_workers<T>(f: impl FnOnce() -> T) -> T {
             }
         }));
     });
-    f()
 }
 
 fn write_tables(study: &Study, finished: &[(&Job, &Outcome)], out: &Path) -> Result<()> {

@@ -157,16 +157,13 @@ fn scale(value: &mut toml::Value, factor: f64) -> Option<()> {
 ///
 /// # Errors
 /// The first change that leads nowhere, or what is wrong with the changed model.
-pub fn changed_model(table: &toml::Table, changes: &[ModelChange]) -> Result<(toml::Table, Model), Complaint> {
+pub fn changed_model(table: &toml::Table, changes: &[ModelChange]) -> Result<Model, Complaint> {
     let mut table = table.clone();
     for change in changes {
         change.apply(&mut table)?;
     }
-    let file: ModelFile = table.clone().try_into().map_err(|e: toml::de::Error| {
+    let file: ModelFile = table.try_into().map_err(|e: toml::de::Error| {
         Complaint::new(e.message().to_owned(), "check the path against the model file")
     })?;
-    let model = file
-        .check()
-        .map_err(|i| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default()))?;
-    Ok((table, model))
+    file.check().map_err(|i| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default()))
 }

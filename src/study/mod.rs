@@ -55,7 +55,7 @@ pub struct Job {
 struct Identity<'a> {
     schema: u32,
     settings: &'a Settings,
-    changes: Vec<&'a ModelChange>,
+    changes: &'a [ModelChange],
     model: &'a str,
     motion: &'a str,
 }
@@ -99,9 +99,9 @@ impl Study {
         let description = if table.contains_key("description") { text("description")? } else { String::new() };
 
         let (model_table, model) = ModelFile::load(&read_named(&file, "model", &model_path)?)?;
-        read_named(&file, "motion", &motion_path)?;
-        let motion = Arc::new(MotionTable::load(&motion_path, &model)?);
-        check_coverage(&model, &motion, &motion_path)?;
+        let motion_file = read_named(&file, "motion", &motion_path)?;
+        let motion = Arc::new(MotionTable::from_file(&motion_file, &model)?);
+        check_coverage(&model, &motion, &motion_file)?;
 
         let coordinates: Vec<(String, bool)> =
             model.joint_coordinates().map(|(joint, name)| (name.to_owned(), joint.kind.is_angular())).collect();
@@ -129,9 +129,7 @@ impl Study {
             return Err(fail(Issue::new(&["sweep"], format!("`{twice}` is swept twice"), "sweep each name once")));
         }
         let model_hash = canonical_hash(&model_table);
-        let motion_hash = blake3::hash(&std::fs::read(&motion_path).map_err(|e| Error::io("read", &motion_path, e))?)
-            .to_hex()
-            .to_string();
+        let motion_hash = blake3::hash(motion_file.text.as_bytes()).to_hex().to_string();
         let mut jobs = Vec::with_capacity(assignments.len());
         for (index, swept) in assignments.into_iter().enumerate() {
             let mut settings = base.clone();
@@ -159,7 +157,7 @@ impl Study {
             let identity = Identity {
                 schema: SCHEMA_VERSION,
                 settings: &settings,
-                changes: changes.iter().collect(),
+                changes: &changes,
                 model: &model_hash,
                 motion: &motion_hash,
             };
@@ -197,7 +195,7 @@ impl Study {
     /// # Errors
     /// Not for jobs of this study: each was checked when the study was loaded.
     pub fn model_of(&self, job: &Job) -> std::result::Result<Model, Complaint> {
-        changed_model(&self.model_table, &job.changes).map(|(_, model)| model)
+        changed_model(&self.model_table, &job.changes)
     }
 
     /// Hash of everything that decides the results.
@@ -236,7 +234,7 @@ fn read_named(study: &SourceFile, key: &str, path: &Path) -> Result<SourceFile> 
 }
 
 /// Every joint coordinate must be measured, unless loops leave some of them to the others.
-fn check_coverage(model: &Model, motion: &MotionTable, path: &Path) -> Result<()> {
+fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Result<()> {
     let closed_loops = model.joints.len() > model.bodies.len();
     let missing: Vec<&str> = model
         .joint_coordinates()
@@ -246,10 +244,9 @@ fn check_coverage(model: &Model, motion: &MotionTable, path: &Path) -> Result<()
     if missing.is_empty() || closed_loops {
         return Ok(());
     }
-    let file = SourceFile::read(path)?;
     Err(file.error(
         None,
-        format!("{}: no column for {}", path.display(), missing.join(", ")),
+        format!("{}: no column for {}", file.path.display(), missing.join(", ")),
         "",
         Some(format!("the model `{}` needs each of its joint coordinates over time", model.name)),
     ))

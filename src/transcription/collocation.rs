@@ -12,6 +12,7 @@
 
 use super::instant::{ACTIVATION, EXCITATION, Instant, InstantMultipliers, LENGTH, VELOCITY};
 use crate::nlp::problem::{Curvature, Multipliers, Problem};
+use crate::numerics::larger;
 use crate::numerics::sparse::{Pattern, Sparse};
 
 /// Σ weight · x[index]
@@ -253,11 +254,6 @@ impl<'m> Collocation<'m> {
     }
 }
 
-/// The larger, and NaN if either is.
-fn worse(a: f64, b: f64) -> f64 {
-    if b.is_nan() || b > a { b } else { a }
-}
-
 impl Problem for Collocation<'_> {
     fn variables(&self) -> usize {
         self.layout.variables
@@ -301,7 +297,7 @@ impl Problem for Collocation<'_> {
     /// Feasibility of the unscaled problem (the contract's): the largest of |eq. (1)| over total weight, |eq. (3)| as
     /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, and initial-value rows.
     fn feasibility(&self, x: &[f64]) -> f64 {
-        let mut worst: f64 = self.layout.initial.iter().map(|row| evaluate(row, x).abs()).fold(0.0, worse);
+        let mut worst: f64 = self.layout.initial.iter().map(|row| evaluate(row, x).abs()).fold(0.0, larger);
         let mut residual = vec![0.0; self.instant.equations()];
         let [_, contraction, activation] = self.instant.row_starts();
         for point in 0..self.layout.points.len() {
@@ -310,10 +306,10 @@ impl Problem for Collocation<'_> {
             for m in 0..activation - contraction {
                 residual[contraction + m] = self.instant.printed_contraction_residual(&z, m);
             }
-            worst = residual.iter().map(|r| r.abs()).fold(worst, worse);
+            worst = residual.iter().map(|r| r.abs()).fold(worst, larger);
         }
         for bound in &self.bounds {
-            worst = worse(worst, -self.slack(bound, &self.local(bound.point, x)));
+            worst = larger(worst, -self.slack(bound, &self.local(bound.point, x)));
         }
         worst
     }

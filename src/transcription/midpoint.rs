@@ -41,9 +41,7 @@ impl Midpoint {
     pub fn new(instant: &Instant<'_>, points: usize, duration: f64) -> Self {
         let h = duration / (points - 1) as f64;
         let times: Vec<f64> = (0..points).map(|j| j as f64 * h).collect();
-        let mut breakpoints = vec![0.0];
-        breakpoints.extend(times.windows(2).map(|w| 0.5 * (w[0] + w[1])));
-        breakpoints.push(duration);
+        let breakpoints = breakpoints(&times);
         let model = instant.model;
         Self {
             points: times,
@@ -58,10 +56,7 @@ impl Midpoint {
 
     /// Ends of the spans, s.
     pub fn breakpoints(&self) -> Vec<f64> {
-        let mut breakpoints = vec![self.points[0]];
-        breakpoints.extend(self.points.windows(2).map(|w| 0.5 * (w[0] + w[1])));
-        breakpoints.push(self.points[self.points.len() - 1]);
-        breakpoints
+        breakpoints(&self.points)
     }
 
     fn initial_values(&self) -> usize {
@@ -175,6 +170,14 @@ impl Midpoint {
         let basis = self.state.basis(t, 0);
         basis.values.iter().enumerate().map(|(k, &w)| (self.activation_index(basis.first + k, m), w)).collect()
     }
+}
+
+/// The first point, the middles between neighbours, the last point.
+fn breakpoints(points: &[f64]) -> Vec<f64> {
+    let mut breakpoints = vec![points[0]];
+    breakpoints.extend(points.windows(2).map(|w| 0.5 * (w[0] + w[1])));
+    breakpoints.push(points[points.len() - 1]);
+    breakpoints
 }
 
 /// The four groups of initial values φ.
