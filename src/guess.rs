@@ -19,75 +19,128 @@ use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;
 use crate::numerics::bspline::SplineSpace;
 use crate::numerics::sparse::Sparse;
-use crate::transcription::instant::Instant;
-use crate::transcription::midpoint::{Initial, Midpoint};
+use crate::transcription::instant::{Form, Instant};
+use crate::transcription::midpoint::Midpoint;
+use crate::transcription::scheme::{Discretisation, Trajectory};
 
 /// Price of missing the equation of motion by the total weight, against activations of one.
 const MISS: f64 = 1e4;
 /// Weight of second differences of spline coefficients: pins the alternating mode that p values leave free.
 const SMOOTH: f64 = 1e-3;
 
-/// The decision vector of the guess, or `None` where a fit or a programme failed (non-finite data).
-pub fn start_guess(instant: &Instant<'_>, scheme: &Midpoint, measurement: &Measurement) -> Option<Vec<f64>> {
-    let model = instant.model;
-    let (nq, nc) = (model.coordinates(), model.constraints());
-    let mut x = vec![0.0; scheme.variables()];
+/// A start guess as functions of time, for any scheme: splines through what inverse dynamics gives at `p` equidistant instants.
+pub struct Guess<'g> {
+    model: &'g Model,
+    times: Vec<f64>,
+    coordinate: SplineSpace,
+    state: SplineSpace,
+    /// Spline coefficients, by body coordinate and by muscle.
+    coordinates: Vec<Vec<f64>>,
+    lengths: Vec<Vec<f64>>,
+    activations: Vec<Vec<f64>>,
+    /// By instant, then reaction; total weights.
+    reactions: Vec<Vec<f64>>,
+}
 
-    let coordinates: Vec<Vec<f64>> = (0..nq)
-        .map(|i| {
-            let data: Vec<f64> = measurement.coordinates.iter().map(|q| q[i]).collect();
-            fit(&scheme.coordinate, &measurement.times, &data, 1e-9)
-        })
-        .collect::<Option<_>>()?;
-    for (i, coefficients) in coordinates.iter().enumerate() {
-        coefficients.iter().enumerate().for_each(|(k, &c)| x[scheme.coordinate_index(k, i)] = c);
-        x[scheme.initial_index(Initial::Coordinate, i)] = scheme.coordinate.value(coefficients, 0.0, 0);
-        x[scheme.initial_index(Initial::Velocity, i)] = scheme.coordinate.value(coefficients, 0.0, 1);
-    }
-
-    let mut lengths = vec![Vec::new(); model.muscles.len()];
-    let mut forces = vec![Vec::new(); model.muscles.len()];
-    for (j, &t) in scheme.points.iter().enumerate() {
-        let at = |derivative| -> Vec<f64> {
-            coordinates.iter().map(|c| scheme.coordinate.value(c, t, derivative)).collect()
-        };
-        let (force, reaction) = share_load(instant, &at(0), &at(1), &at(2))?;
-        for (m, muscle) in model.muscles.iter().enumerate() {
-            let mut path = muscle.path.buffer();
-            muscle.path.length(&at(0), false, &mut path);
-            let along = path.value - muscle.tendon_slack_length * (1.0 + tendon_strain(force[m].max(0.0)).value);
-            lengths[m].push(along / muscle.fibre_along_tendon());
-            forces[m].push(force[m]);
-        }
-        (0..nc).for_each(|c| x[scheme.reaction_index(j, c)] = reaction[c]);
-    }
-
-    for (m, muscle) in model.muscles.iter().enumerate() {
-        let length = fit(&scheme.state, &scheme.points, &lengths[m], SMOOTH)?;
-        let activations: Vec<f64> = scheme
-            .points
-            .iter()
-            .zip(&forces[m])
-            .map(|(&t, force)| {
-                let l = scheme.state.value(&length, t, 0);
-                let v = scheme.state.value(&length, t, 1) / muscle.max_shortening_velocity;
-                let active = active_force_length(l).value.max(0.05) * muscle.force_velocity.at(v).value;
-                let passive = passive_force_length(l).value;
-                ((force / muscle.pennation_angle.cos() - passive) / active).clamp(0.0, 1.0)
+impl<'g> Guess<'g> {
+    /// The guess on `points` instants, or `None` where a fit or a programme failed (non-finite data).
+    pub fn new(model: &'g Model, points: usize, measurement: &Measurement) -> Option<Self> {
+        let second_order = Instant::new(model, Form::SecondOrder);
+        let duration = measurement.times[measurement.times.len() - 1];
+        let scheme = Midpoint::new(&second_order, points, duration);
+        let (times, coordinate, state) = (scheme.points, scheme.coordinate, scheme.state);
+        let coordinates: Vec<Vec<f64>> = (0..model.coordinates())
+            .map(|i| {
+                let data: Vec<f64> = measurement.coordinates.iter().map(|q| q[i]).collect();
+                fit(&coordinate, &measurement.times, &data, 1e-9)
             })
-            .collect();
-        let activation = fit(&scheme.state, &scheme.points, &activations, SMOOTH)?;
-        for (k, (&l, &a)) in length.iter().zip(&activation).enumerate() {
-            x[scheme.length_index(k, m)] = l;
-            x[scheme.activation_index(k, m)] = a.max(0.0);
+            .collect::<Option<_>>()?;
+
+        let mut lengths = vec![Vec::new(); model.muscles.len()];
+        let mut forces = vec![Vec::new(); model.muscles.len()];
+        let mut reactions = Vec::new();
+        for &t in &times {
+            let at =
+                |derivative| -> Vec<f64> { coordinates.iter().map(|c| coordinate.value(c, t, derivative)).collect() };
+            let (force, reaction) = share_load(&second_order, &at(0), &at(1), &at(2))?;
+            for (m, muscle) in model.muscles.iter().enumerate() {
+                let mut path = muscle.path.buffer();
+                muscle.path.length(&at(0), false, &mut path);
+                let along = path.value - muscle.tendon_slack_length * (1.0 + tendon_strain(force[m].max(0.0)).value);
+                lengths[m].push(along / muscle.fibre_along_tendon());
+                forces[m].push(force[m]);
+            }
+            reactions.push(reaction);
         }
-        x[scheme.initial_index(Initial::Length, m)] = length[0];
-        x[scheme.initial_index(Initial::Activation, m)] = activation[0].max(0.0);
-        for (j, &t) in scheme.points.iter().enumerate() {
-            let (a, rate) = (scheme.state.value(&activation, t, 0), scheme.state.value(&activation, t, 1));
-            x[scheme.excitation_index(j, m)] = muscle.excitation(a, rate).clamp(0.0, 1.0);
+
+        let (mut length_splines, mut activation_splines) = (Vec::new(), Vec::new());
+        for (m, muscle) in model.muscles.iter().enumerate() {
+            let length = fit(&state, &times, &lengths[m], SMOOTH)?;
+            let activations: Vec<f64> = times
+                .iter()
+                .zip(&forces[m])
+                .map(|(&t, force)| {
+                    let l = state.value(&length, t, 0);
+                    let v = state.value(&length, t, 1) / muscle.max_shortening_velocity;
+                    let active = active_force_length(l).value.max(0.05) * muscle.force_velocity.at(v).value;
+                    let passive = passive_force_length(l).value;
+                    ((force / muscle.pennation_angle.cos() - passive) / active).clamp(0.0, 1.0)
+                })
+                .collect();
+            activation_splines.push(fit(&state, &times, &activations, SMOOTH)?);
+            length_splines.push(length);
         }
+        let guess = Self {
+            model,
+            times,
+            coordinate,
+            state,
+            coordinates,
+            lengths: length_splines,
+            activations: activation_splines,
+            reactions,
+        };
+        let coefficients = guess.coordinates.iter().chain(&guess.lengths).chain(&guess.activations);
+        coefficients.chain(&guess.reactions).flatten().all(|v| v.is_finite()).then_some(guess)
     }
+}
+
+impl Trajectory for Guess<'_> {
+    fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64 {
+        self.coordinate.value(&self.coordinates[i], t, derivative)
+    }
+
+    fn length(&self, t: f64, m: usize) -> f64 {
+        self.state.value(&self.lengths[m], t, 0)
+    }
+
+    fn activation(&self, t: f64, m: usize) -> f64 {
+        // The coefficients may undershoot between the instants.
+        let basis = self.state.basis(t, 0);
+        basis.values.iter().zip(&self.activations[m][basis.first..]).map(|(b, c)| b * c.max(0.0)).sum()
+    }
+
+    fn excitation(&self, t: f64, m: usize) -> f64 {
+        let spline = &self.activations[m];
+        let (a, rate) = (self.state.value(spline, t, 0), self.state.value(spline, t, 1));
+        self.model.muscles[m].excitation(a, rate).clamp(0.0, 1.0)
+    }
+
+    fn reaction(&self, t: f64, c: usize) -> f64 {
+        let after = self.times.partition_point(|&at| at < t).clamp(1, self.times.len() - 1);
+        let share = (t - self.times[after - 1]) / (self.times[after] - self.times[after - 1]);
+        (1.0 - share) * self.reactions[after - 1][c] + share * self.reactions[after][c]
+    }
+}
+
+/// The decision vector of the guess for a scheme with `points` instants (p), or `None` as in [`Guess::new`].
+pub fn start_guess(
+    model: &Model,
+    scheme: &dyn Discretisation,
+    points: usize,
+    measurement: &Measurement,
+) -> Option<Vec<f64>> {
+    let x = scheme.compose(&Guess::new(model, points, measurement)?);
     x.iter().all(|v| v.is_finite()).then_some(x)
 }
 

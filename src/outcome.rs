@@ -97,6 +97,8 @@ pub struct JobRow {
     pub max_activation: Option<f64>,
     /// max |Φ_q q̇| over the collocation points, m/s and rad/s
     pub max_constraint_velocity: Option<f64>,
+    /// How well the equations hold half-way between the points, see the README.
+    pub mid_interval_error: Option<f64>,
     /// Unknowns are put to exact active bounds before ranks are taken; false where that failed.
     pub polished: Option<bool>,
     pub warm_start_from: Option<String>,
@@ -136,6 +138,7 @@ impl JobRow {
             min_activation: None,
             max_activation: None,
             max_constraint_velocity: None,
+            mid_interval_error: None,
             polished: None,
             warm_start_from: None,
             solve_s: None,

@@ -5,10 +5,11 @@ use crate::motion::Measurement;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::polish::active;
 use crate::nlp::problem::Problem;
+use crate::numerics::larger;
 use crate::outcome::{JobRow, MuscleRow, Status, TrajectoryRow};
 use crate::transcription::collocation::{BoundKind, Collocation, evaluate};
-use crate::transcription::instant::{ACTIVATION, EXCITATION, LENGTH, VELOCITY};
-use crate::transcription::midpoint::Midpoint;
+use crate::transcription::instant::{ACTIVATION, EXCITATION, Form, LENGTH, VELOCITY};
+use crate::transcription::scheme::Discretisation;
 
 /// Points at either end where reactions and accelerations of the midpoint scheme ring.
 const END_POINTS: usize = 4;
@@ -19,7 +20,7 @@ const LARGE_ERROR_DEG: f64 = 10.0;
 /// A solved problem.
 pub struct Solution<'s> {
     pub problem: &'s Collocation<'s>,
-    pub scheme: &'s Midpoint,
+    pub scheme: &'s dyn Discretisation,
     pub measurement: &'s Measurement,
     pub iterate: &'s Iterate,
 }
@@ -29,25 +30,30 @@ impl Solution<'_> {
         self.problem.instant.model
     }
 
-    fn points(&self) -> usize {
-        self.scheme.points.len()
-    }
-
     /// z at every collocation point.
     fn locals(&self) -> Vec<Vec<f64>> {
-        (0..self.points()).map(|j| self.problem.local(j, &self.iterate.x)).collect()
+        (0..self.problem.layout.points.len()).map(|j| self.problem.local(j, &self.iterate.x)).collect()
     }
 
-    /// Coefficients of a muscle's activation spline.
-    fn activation_coefficients(&self, muscle: usize) -> Vec<f64> {
-        (0..self.scheme.state.dimension()).map(|k| self.iterate.x[self.scheme.activation_index(k, muscle)]).collect()
+    /// z at the points where every function has a value.
+    fn complete_locals(&self) -> Vec<Vec<f64>> {
+        let points = &self.problem.layout.points;
+        (0..points.len()).filter(|&j| points[j].complete).map(|j| self.problem.local(j, &self.iterate.x)).collect()
+    }
+
+    fn duration(&self) -> f64 {
+        let breakpoints = self.scheme.breakpoints();
+        breakpoints[breakpoints.len() - 1] - breakpoints[0]
+    }
+
+    fn activation(&self, t: f64, muscle: usize) -> f64 {
+        evaluate(&self.scheme.activation_at(t, muscle), &self.iterate.x)
     }
 
     /// The job's row, but for status, starts and times.
     pub fn job_row(&self) -> JobRow {
         let (problem, iterate) = (self.problem, self.iterate);
-        let activations: Vec<Vec<f64>> =
-            (0..self.model().muscles.len()).map(|m| self.activation_coefficients(m)).collect();
+        let muscles = 0..self.model().muscles.len();
         let locals = self.locals();
         let at_points = || {
             locals
@@ -62,7 +68,7 @@ impl Solution<'_> {
         let max_activation = at_points().fold(f64::NEG_INFINITY, f64::max);
         JobRow {
             objective: Some(iterate.objective),
-            effort: Some(activations.iter().map(|a| self.integral_of_square(a)).sum()),
+            effort: Some(muscles.map(|m| self.integrate(|t| self.activation(t, m).powi(2))).sum()),
             tracking_rms_m: Some(rms_m),
             tracking_rms_deg: Some(rms_deg),
             stationarity: Some(stationarity),
@@ -75,6 +81,7 @@ impl Solution<'_> {
             min_activation: Some(at_points().fold(f64::INFINITY, f64::min)),
             max_activation: Some(max_activation),
             max_constraint_velocity: Some(self.max_constraint_velocity()),
+            mid_interval_error: Some(self.mid_interval_error()),
             remark: remark(rms_m, rms_deg, max_activation),
             ..JobRow::failed(Status::Invalid, String::new())
         }
@@ -106,10 +113,10 @@ impl Solution<'_> {
         ((metres / (2.0 * angles)).sqrt(), (degrees / angles).sqrt())
     }
 
-    /// max |Φ_q q̇|: the scheme imposes Φ = 0 at the points, not its derivative.
+    /// max |Φ_q q̇| over the points: the midpoint scheme imposes Φ = 0 there, not its derivative.
     fn max_constraint_velocity(&self) -> f64 {
         let mut worst: f64 = 0.0;
-        for (j, &t) in self.scheme.points.iter().enumerate() {
+        for (j, &t) in self.scheme.points().iter().enumerate() {
             let z = self.problem.local(j, &self.iterate.x);
             for joint in &self.model().joints {
                 for function in joint.constraints(&z) {
@@ -128,27 +135,44 @@ impl Solution<'_> {
         worst
     }
 
-    /// ∫a² dt of a spline of degree 1, exact (Simpson's rule on each span).
-    fn integral_of_square(&self, coefficients: &[f64]) -> f64 {
-        self.integrate(|t| self.scheme.state.value(coefficients, t, 0).powi(2))
+    /// How well the equations hold where the scheme does not impose them: the largest of |eq. (1)| over total weight, |eq. (3)| in
+    /// normalised force, |Φ| in m and |eq. (4)|·τ half-way between neighbouring points.
+    fn mid_interval_error(&self) -> f64 {
+        let instant = &self.problem.instant;
+        let mut residual = vec![0.0; instant.equations()];
+        let [_, contraction, activation] = instant.row_starts();
+        let [printed, _] = instant.stabilised_row_starts();
+        let mut worst = 0.0;
+        for pair in self.scheme.points().windows(2) {
+            let map = self.scheme.local_at(instant, 0.5 * (pair[0] + pair[1]));
+            let z: Vec<f64> = map.iter().map(|combination| evaluate(combination, &self.iterate.x)).collect();
+            instant.residual(&z, &mut residual);
+            for m in 0..activation - contraction {
+                residual[contraction + m] = instant.printed_contraction_residual(&z, m);
+            }
+            worst = residual[..printed].iter().map(|r| r.abs()).fold(worst, larger);
+        }
+        worst
     }
 
-    /// ∫ over the motion by Simpson's rule on each span; exact for squares of splines of degree 1.
+    /// ∫ over the motion by Gauss' rule with four points on each polynomial piece: exact to degree 7.
     fn integrate(&self, f: impl Fn(f64) -> f64) -> f64 {
-        let breakpoints = self.scheme.breakpoints();
-        breakpoints.windows(2).map(|w| (w[1] - w[0]) / 6.0 * (f(w[0]) + 4.0 * f(0.5 * (w[0] + w[1])) + f(w[1]))).sum()
-    }
-
-    /// Time mean of values at the collocation points, by the trapezoidal rule.
-    fn time_mean(&self, values: &[f64]) -> f64 {
-        let n = values.len();
-        (values.iter().sum::<f64>() - 0.5 * (values[0] + values[n - 1])) / (n - 1) as f64
+        let (near, far) = (0.339_981_043_584_856_3, 0.861_136_311_594_052_6);
+        let rule = [(near, 0.652_145_154_862_546_1), (far, 0.347_854_845_137_453_9)];
+        let piece = |w: &[f64]| {
+            let (middle, half) = (0.5 * (w[0] + w[1]), 0.5 * (w[1] - w[0]));
+            rule.iter().map(|(x, b)| half * b * (f(middle - half * x) + f(middle + half * x))).sum::<f64>()
+        };
+        self.scheme.breakpoints().windows(2).map(piece).sum()
     }
 
     pub fn muscle_rows(&self) -> Vec<MuscleRow> {
-        let locals = self.locals();
+        let (locals, complete) = (self.locals(), self.complete_locals());
+        let points = &self.problem.layout.points;
+        let weights: Vec<f64> =
+            self.scheme.quadrature().into_iter().zip(points).filter(|(_, p)| p.complete).map(|(w, _)| w).collect();
         let instant = &self.problem.instant;
-        let duration = self.scheme.points[self.points() - 1];
+        let duration = self.duration();
         let idle = crate::solve::idle(self.problem, &self.iterate.x);
         self.model()
             .muscles
@@ -157,20 +181,19 @@ impl Solution<'_> {
             .map(|(m, muscle)| {
                 let at = instant.muscle(m);
                 let forces: Vec<f64> =
-                    locals.iter().map(|z| muscle.max_isometric_force * instant.fibre_force(z, m)).collect();
-                let velocities: Vec<f64> = locals.iter().map(|z| z[at + VELOCITY]).collect();
-                let coefficients = self.activation_coefficients(m);
-                let mean_force = self.time_mean(&forces);
+                    complete.iter().map(|z| muscle.max_isometric_force * instant.fibre_force(z, m)).collect();
+                let velocities: Vec<f64> = complete.iter().map(|z| z[at + VELOCITY]).collect();
+                let impulse: f64 = weights.iter().zip(&forces).map(|(w, f)| w * f).sum();
                 let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 let (ringing, direction_changes) = ringing(&velocities);
                 MuscleRow {
                     muscle: muscle.name.clone(),
-                    mean_activation: self.integrate(|t| self.scheme.state.value(&coefficients, t, 0)) / duration,
+                    mean_activation: self.integrate(|t| self.activation(t, m)) / duration,
                     peak_activation: largest(&locals.iter().map(|z| z[at + ACTIVATION]).collect::<Vec<_>>()),
-                    mean_force_n: mean_force,
+                    mean_force_n: impulse / duration,
                     peak_force_n: largest(&forces),
                     min_force_n: forces.iter().copied().fold(f64::INFINITY, f64::min),
-                    impulse_n_s: mean_force * duration,
+                    impulse_n_s: impulse,
                     idle: idle[m],
                     ringing,
                     direction_changes,
@@ -195,9 +218,12 @@ impl Solution<'_> {
                 push(t, "coordinate", name, evaluate(&self.scheme.coordinate_at(t, 0, i), &self.iterate.x), false);
             }
         }
-        for (j, (&t, z)) in self.scheme.points.iter().zip(self.locals()).enumerate() {
-            let end = j < END_POINTS || j + END_POINTS >= self.points();
-            for (i, name) in names.iter().enumerate() {
+        let rings = instant.form == Form::SecondOrder;
+        let count = self.scheme.points().len();
+        for (j, (&t, z)) in self.scheme.points().iter().zip(self.locals()).enumerate() {
+            let complete = self.problem.layout.points[j].complete;
+            let end = rings && (j < END_POINTS || j + END_POINTS >= count);
+            for (i, name) in names.iter().enumerate().filter(|_| complete) {
                 push(t, "acceleration", name, z[instant.acceleration(i)], end);
             }
             for (joint, name) in model.joint_coordinates() {
@@ -205,23 +231,24 @@ impl Solution<'_> {
             }
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let at = instant.muscle(m);
-                push(t, "excitation", &muscle.name, z[at + EXCITATION], false);
                 push(t, "activation", &muscle.name, z[at + ACTIVATION], false);
                 push(t, "fibre_length", &muscle.name, z[at + LENGTH], false);
-                push(t, "fibre_velocity", &muscle.name, z[at + VELOCITY], false);
-                push(t, "force_n", &muscle.name, muscle.max_isometric_force * instant.fibre_force(&z, m), false);
+                if complete {
+                    let force = muscle.max_isometric_force * instant.fibre_force(&z, m);
+                    push(t, "excitation", &muscle.name, z[at + EXCITATION], false);
+                    push(t, "fibre_velocity", &muscle.name, z[at + VELOCITY], false);
+                    push(t, "force_n", &muscle.name, force, false);
+                }
                 for (k, place) in muscle.path.points.iter().enumerate() {
                     let [x, y] = place.at(&z).position;
                     push(t, "path_point_m", &format!("{}.{k}.x", muscle.name), x, false);
                     push(t, "path_point_m", &format!("{}.{k}.y", muscle.name), y, false);
                 }
             }
-            let mut row = 0;
-            for joint in &model.joints {
-                for k in 0..joint.kind.constraints() {
-                    push(t, "reaction_n", &format!("{}.{k}", joint.name), weight * z[instant.reaction(row)], end);
-                    row += 1;
-                }
+            let reactions =
+                model.joints.iter().flat_map(|joint| (0..joint.kind.constraints()).map(move |k| (joint, k)));
+            for (row, (joint, k)) in reactions.enumerate().filter(|_| complete) {
+                push(t, "reaction_n", &format!("{}.{k}", joint.name), weight * z[instant.reaction(row)], end);
             }
         }
         let active = active(&self.iterate.inequalities);
@@ -234,7 +261,7 @@ impl Solution<'_> {
                 BoundKind::Force => "force",
             };
             let name = format!("{}.{kind}", model.muscles[bound.muscle].name);
-            push(self.scheme.points[bound.point], "bound_active", &name, f64::from(u8::from(active)), false);
+            push(self.scheme.points()[bound.point], "bound_active", &name, f64::from(u8::from(active)), false);
         }
         rows
     }
@@ -265,7 +292,7 @@ fn remark(rms_m: f64, rms_deg: f64, max_activation: f64) -> Option<String> {
 /// Whether moving along `direction` changes the force of any muscle at any collocation point.
 pub fn moves_load(problem: &Collocation<'_>, x: &[f64], direction: &[f64], threshold: f64) -> bool {
     let instant = &problem.instant;
-    (0..problem.layout.times.len()).any(|j| {
+    (0..problem.layout.points.len()).filter(|&j| problem.layout.points[j].complete).any(|j| {
         let z = problem.local(j, x);
         let dz = problem.local(j, direction);
         instant.model.muscles.iter().enumerate().any(|(m, muscle)| {

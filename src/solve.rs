@@ -14,11 +14,13 @@ use crate::nlp::regularity;
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus};
 use crate::outcome::{IterationRow, JobRow, MatrixRank, Outcome, RegularityRow, SpectrumRow, Status};
 use crate::solution::{self, Solution};
-use crate::study::settings::{LoadSharingGrid, RegularityMode, Settings};
+use crate::study::settings::{Initial, LoadSharingGrid, RegularityMode, Scheme, Settings};
 use crate::transcription::collocation::{BoundKind, Collocation, Combination};
-use crate::transcription::instant::{ACTIVATION, Instant};
-use crate::transcription::midpoint::{Initial, Midpoint};
-use crate::transcription::prediction::Setting;
+use crate::transcription::instant::{ACTIVATION, Form, Instant};
+use crate::transcription::midpoint::Midpoint;
+use crate::transcription::prediction::{Setting, predict};
+use crate::transcription::radau::Radau;
+use crate::transcription::scheme::Discretisation;
 
 /// Objectives closer than this (relative) with the same idle muscles are one optimum.
 const SAME_OPTIMUM: f64 = 1e-6;
@@ -49,11 +51,10 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
             );
         }
     };
-    let instant = Instant::new(model);
-    let duration = table.duration() * settings.time_scale;
-    let scheme = Midpoint::new(&instant, points, duration);
-    let problem = transcribe(&instant, &scheme, &measurement, settings);
-    let Some(guess) = start_guess(&instant, &scheme, &measurement) else {
+    let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
+    let scheme = scheme.as_ref();
+    let problem = transcribe(&instant, scheme, &measurement, settings);
+    let Some(guess) = start_guess(model, scheme, points, &measurement) else {
         return Outcome::failed(Status::NonFinite, "the start guess by inverse dynamics is not finite");
     };
 
@@ -64,7 +65,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
     };
     let solved = Clock::now();
     let runs: Vec<SqpOutcome> = (0..settings.starts)
-        .map(|k| sqp::solve(&problem, disturb(&guess, &scheme, model, settings.seed, k), sqp_settings))
+        .map(|k| sqp::solve(&problem, disturb(&guess, scheme, model, settings.seed, k), sqp_settings))
         .collect();
     let solve_s = solved.elapsed().as_secs_f64();
     let best = best(&runs);
@@ -79,7 +80,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
     let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
     let good = ranked_at.kkt_error().largest() <= sqp_settings.target.max(run.iterate.kkt_error().largest());
     let point = if good { ranked_at } else { &run.iterate };
-    let solution = Solution { problem: &problem, scheme: &scheme, measurement: &measurement, iterate: point };
+    let solution = Solution { problem: &problem, scheme, measurement: &measurement, iterate: point };
     let mut outcome = Outcome {
         job: JobRow {
             status: run.status.into(),
@@ -100,12 +101,8 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
     }
     outcome.iterations = iteration_rows(&problem, run, settings.regularity == RegularityMode::EveryIteration);
     if settings.regularity != RegularityMode::Off {
-        let setting = Setting {
-            shares_load: settings.mu > 0.0,
-            at_collocation_points_only: settings.load_sharing_grid == LoadSharingGrid::Collocation
-                || settings.measurement_ratio == 1,
-        };
-        if let Some((row, spectrum)) = regularity_rows(&problem, &scheme, ranked_at, setting) {
+        let setting = prediction_setting(model, scheme, &measurement, settings);
+        if let Some((row, spectrum)) = regularity_rows(&problem, ranked_at, &setting) {
             // The last iterate is the solution: its count is the polished one.
             if let (Some(last), true) = (outcome.iterations.last_mut(), run.status == SqpStatus::Converged) {
                 (last.deficiency_a, last.deficiency_aj) = (Some(row.a.deficiency), Some(row.aj.deficiency));
@@ -119,7 +116,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
 
 fn motion_settings(settings: &Settings) -> MotionSettings {
     MotionSettings {
-        measurement_ratio: settings.measurement_ratio,
+        measurement_ratio: settings.measured_per_interval(),
         smoothing_hz: settings.smoothing_hz,
         noise_sd: settings.noise_sd,
         seed: settings.seed,
@@ -128,14 +125,65 @@ fn motion_settings(settings: &Settings) -> MotionSettings {
     }
 }
 
+/// The equations at an instant and the scheme that `settings` ask for, on `points` points (p) over `duration` seconds.
+pub fn discretise<'m>(
+    model: &'m Model,
+    settings: &Settings,
+    points: usize,
+    duration: f64,
+) -> (Instant<'m>, Box<dyn Discretisation>) {
+    match settings.scheme {
+        Scheme::Midpoint => {
+            let instant = Instant::new(model, Form::SecondOrder);
+            let scheme = Midpoint::new(&instant, points, duration);
+            (instant, Box::new(scheme))
+        }
+        Scheme::Radau => {
+            let instant = Instant::new(model, Form::Stabilised);
+            let equilibrium = settings.initial == Initial::Equilibrium;
+            let scheme = Radau::new(&instant, points - 1, settings.stages, duration, equilibrium);
+            (instant, Box::new(scheme))
+        }
+    }
+}
+
+/// Rows of the load-sharing term by muscle, without μ; none with μ = 0.
+fn sharing_rows(
+    model: &Model,
+    scheme: &dyn Discretisation,
+    measurement: &Measurement,
+    settings: &Settings,
+) -> Vec<Vec<Combination>> {
+    if settings.mu == 0.0 {
+        return Vec::new();
+    }
+    let instants = match settings.load_sharing_grid {
+        LoadSharingGrid::Measurement => &measurement.times,
+        LoadSharingGrid::Collocation => scheme.points(),
+    };
+    (0..model.muscles.len()).map(|m| instants.iter().map(|&t| scheme.activation_at(t, m)).collect()).collect()
+}
+
+/// What the predicted deficiencies depend on beside the problem.
+pub fn prediction_setting(
+    model: &Model,
+    scheme: &dyn Discretisation,
+    measurement: &Measurement,
+    settings: &Settings,
+) -> Setting {
+    Setting {
+        sharing: sharing_rows(model, scheme, measurement, settings),
+        motion_is_fixed: settings.measured_per_interval() >= settings.points_per_interval(),
+    }
+}
+
 /// The problem of eq. (26): tracking of all body coordinates at the measured instants, and μ a.
 pub fn transcribe<'m>(
     instant: &Instant<'m>,
-    scheme: &Midpoint,
+    scheme: &dyn Discretisation,
     measurement: &Measurement,
     settings: &Settings,
 ) -> Collocation<'m> {
-    let model = instant.model;
     let mut rows: Vec<Combination> = Vec::new();
     let mut data = Vec::new();
     for (&t, q) in measurement.times.iter().zip(&measurement.coordinates) {
@@ -144,17 +192,9 @@ pub fn transcribe<'m>(
             data.push(value);
         }
     }
-    if settings.mu > 0.0 {
-        let instants = match settings.load_sharing_grid {
-            LoadSharingGrid::Measurement => &measurement.times,
-            LoadSharingGrid::Collocation => &scheme.points,
-        };
-        for &t in instants {
-            for m in 0..model.muscles.len() {
-                rows.push(scheme.activation_at(t, m).into_iter().map(|(i, w)| (i, settings.mu * w)).collect());
-                data.push(0.0);
-            }
-        }
+    for row in sharing_rows(instant.model, scheme, measurement, settings).into_iter().flatten() {
+        rows.push(row.into_iter().map(|(i, w)| (i, settings.mu * w)).collect());
+        data.push(0.0);
     }
     let activation_weight = 2.5 * settings.mu.max(1e-2).powi(2);
     Collocation::new(instant.clone(), scheme.layout(instant), &rows, data, &settings.bounds.kinds(), activation_weight)
@@ -162,7 +202,7 @@ pub fn transcribe<'m>(
 
 /// Start k: the guess itself for k = 0; else its fibre lengths given a random alternation and its activations
 /// a random factor and offset, seeded by (seed, k).
-pub fn disturb(guess: &[f64], scheme: &Midpoint, model: &Model, seed: u64, k: usize) -> Vec<f64> {
+pub fn disturb(guess: &[f64], scheme: &dyn Discretisation, model: &Model, seed: u64, k: usize) -> Vec<f64> {
     let mut x = guess.to_vec();
     if k == 0 {
         return x;
@@ -172,18 +212,17 @@ pub fn disturb(guess: &[f64], scheme: &Midpoint, model: &Model, seed: u64, k: us
     for m in 0..model.muscles.len() {
         let alternation: f64 = rng.random_range(-0.05..0.05);
         let (factor, offset): (f64, f64) = (rng.random_range(0.2..2.0), rng.random_range(0.0..0.15));
-        for c in 0..scheme.state.dimension() {
+        for c in 0..scheme.state_coefficients() {
             let sign = if c % 2 == 0 { 1.0 } else { -1.0 };
             x[scheme.length_index(c, m)] += sign * alternation + rng.random_range(-0.02..0.02);
             let a = &mut x[scheme.activation_index(c, m)];
             *a = (factor * *a + offset + rng.random_range(-0.05..0.05)).clamp(0.0, 1.0);
         }
-        x[scheme.initial_index(Initial::Length, m)] = x[scheme.length_index(0, m)];
-        x[scheme.initial_index(Initial::Activation, m)] = x[scheme.activation_index(0, m)];
-        for j in 0..scheme.points.len() {
+        for j in 0..scheme.control_coefficients() {
             x[scheme.excitation_index(j, m)] = x[scheme.activation_index(j, m)];
         }
     }
+    scheme.settle(&mut x);
     x
 }
 
@@ -234,7 +273,7 @@ fn polished(problem: &Collocation<'_>, iterate: &Iterate) -> Option<Iterate> {
         if idle {
             let at = problem.instant.muscle(m) + ACTIVATION;
             let indices: Vec<usize> =
-                problem.layout.points.iter().flat_map(|map| map[at].iter().map(|&(index, _)| index)).collect();
+                problem.layout.points.iter().flat_map(|p| p.map[at].iter().map(|&(index, _)| index)).collect();
             indices.into_iter().for_each(|index| {
                 if x[index].abs() <= ACTIVE {
                     x[index] = 0.0;
@@ -304,9 +343,8 @@ fn iteration_rows(problem: &Collocation<'_>, run: &SqpOutcome, ranks: bool) -> V
 /// Ranks at a polished point, beside what the pattern of active bounds predicts.
 fn regularity_rows(
     problem: &Collocation<'_>,
-    scheme: &Midpoint,
     point: &Iterate,
-    setting: Setting,
+    setting: &Setting,
 ) -> Option<(RegularityRow, Vec<SpectrumRow>)> {
     let (bounds, force) = active_rows(problem, point);
     let found = regularity::analyse(problem, point, &bounds)?;
@@ -317,7 +355,7 @@ fn regularity_rows(
         all.extend(&force);
         regularity::deficiencies(problem, point, &all)?
     };
-    let predicted = scheme.predict(problem, &point.x, &bounds, setting);
+    let predicted = predict(problem, &point.x, &bounds, setting);
     let row = |spectrum: &regularity::Spectrum, size: usize, predicted: Option<usize>| MatrixRank {
         size: size as i64,
         rank: spectrum.rank.rank as i64,

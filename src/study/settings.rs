@@ -75,6 +75,18 @@ choices! {
     Scheme {
         /// The thesis' B-spline collocation: serves Table 1, and rings.
         Midpoint = "midpoint",
+        /// Radau IIA collocation of the stabilised index-2 form: for results to act on.
+        Radau = "radau",
+    }
+}
+
+choices! {
+    /// How fibre lengths start (radau).
+    Initial {
+        /// l̇_m = 0 at the first point.
+        Equilibrium = "equilibrium",
+        /// Ill-posed by construction: the initial length acts through the first step only.
+        Free = "free",
     }
 }
 
@@ -143,10 +155,13 @@ pub struct Settings {
     /// Distance of collocation points, s.
     pub h: f64,
     pub scheme: Scheme,
+    /// Radau points per interval.
+    pub stages: usize,
+    pub initial: Initial,
     pub bounds: Bounds,
     pub load_sharing_grid: LoadSharingGrid,
-    /// Measured instants per collocation interval.
-    pub measurement_ratio: usize,
+    /// Measured instants per interval; null for twice the collocation points per interval.
+    pub measurement_ratio: Option<usize>,
     /// Standard deviation of noise on measured body coordinates, m and rad.
     pub noise_sd: f64,
     /// Low-pass cut-off for the motion, Hz; 0 for none.
@@ -172,10 +187,12 @@ impl Default for Settings {
         Self {
             mu: 0.2,
             h: 0.1,
-            scheme: Scheme::Midpoint,
+            scheme: Scheme::Radau,
+            stages: 1,
+            initial: Initial::Equilibrium,
             bounds: Bounds::Both,
             load_sharing_grid: LoadSharingGrid::Measurement,
-            measurement_ratio: 2,
+            measurement_ratio: None,
             noise_sd: 0.0,
             smoothing_hz: 0.0,
             starts: 1,
@@ -195,6 +212,8 @@ pub const NAMES: &[&str] = &[
     "mu",
     "h",
     "scheme",
+    "stages",
+    "initial",
     "bounds",
     "load_sharing_grid",
     "measurement_ratio",
@@ -219,11 +238,13 @@ impl Settings {
             "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 on; the thesis uses 0.2")?,
             "h" => self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?,
             "scheme" => self.scheme = choice(value, Scheme::ALL, Scheme::parse)?,
+            "stages" => self.stages = integer(value, 1..=3)? as usize,
+            "initial" => self.initial = choice(value, Initial::ALL, Initial::parse)?,
             "bounds" => self.bounds = choice(value, Bounds::ALL, Bounds::parse)?,
             "load_sharing_grid" => {
                 self.load_sharing_grid = choice(value, LoadSharingGrid::ALL, LoadSharingGrid::parse)?;
             }
-            "measurement_ratio" => self.measurement_ratio = integer(value, 1..=1000)? as usize,
+            "measurement_ratio" => self.measurement_ratio = Some(integer(value, 1..=1000)? as usize),
             "noise_sd" => self.noise_sd = number(value, 0.0..=1e3, "a standard deviation in m and rad, 0 for none")?,
             "smoothing_hz" => self.smoothing_hz = number(value, 0.0..=1e6, "a frequency in Hz, 0 for none")?,
             "starts" => self.starts = integer(value, 1..=100_000)? as usize,
@@ -246,6 +267,16 @@ impl Settings {
             },
         }
         Ok(())
+    }
+
+    /// Collocation points in an interval of length h.
+    pub fn points_per_interval(&self) -> usize {
+        if self.scheme == Scheme::Radau { self.stages } else { 1 }
+    }
+
+    /// Measured instants in an interval of length h.
+    pub fn measured_per_interval(&self) -> usize {
+        self.measurement_ratio.unwrap_or(2 * self.points_per_interval())
     }
 
     fn set_motion(&mut self, change: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), Complaint> {

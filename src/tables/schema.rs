@@ -97,6 +97,7 @@ fn jobs(rows: &[(&Job, &Outcome)]) -> Table {
         ("min_activation", number(|j| j.min_activation)),
         ("max_activation", number(|j| j.max_activation)),
         ("max_constraint_velocity", number(|j| j.max_constraint_velocity)),
+        ("mid_interval_error", number(|j| j.mid_interval_error)),
         ("polished", flags(rows, |(_, o)| o.job.polished)),
         ("warm_start_from", texts(rows, |(_, o)| o.job.warm_start_from.clone())),
         ("solve_s", number(|j| j.solve_s)),

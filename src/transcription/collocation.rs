@@ -4,7 +4,7 @@
 //! and constant ([`Layout`]). Everything else follows:
 //!
 //! ```text
-//! ∂c/∂x = [ initial rows ; G_1 B_1 ; … ; G_p B_p ]          G_j = ∂(equations)/∂z at point j
+//! ∂c/∂x = [ linear rows ; G_1 B_1 ; … ; G_p B_p ]           G_j = ∂(equations)/∂z at point j
 //! ∇²L   = JᵀJ + Σ_j B_jᵀ W_j B_j                             W_j = Hessian of λ_jᵀ equations − ν_jᵀ f_m
 //! ```
 //!
@@ -30,10 +30,20 @@ pub struct Layout {
     pub variables: usize,
     /// The time block of each variable, from 0.
     pub stages: Vec<usize>,
-    /// For each point, each local variable as a combination of x.
-    pub points: Vec<Vec<Combination>>,
+    pub points: Vec<Point>,
     /// Linear equalities `Σ weight · x = 0`.
-    pub initial: Vec<Combination>,
+    pub linear: Vec<Combination>,
+}
+
+/// One collocation point.
+#[derive(Clone, Debug)]
+pub struct Point {
+    /// Each local variable as a combination of x.
+    pub map: Vec<Combination>,
+    /// Which equations of [`Instant`] hold here.
+    pub rows: Vec<usize>,
+    /// Whether every local variable has a value here, or only q, v, a and l.
+    pub complete: bool,
 }
 
 /// One inequality at one point; all are `≥ 0`.
@@ -68,6 +78,9 @@ pub struct Collocation<'m> {
     pub instant: Instant<'m>,
     pub layout: Layout,
     pub bounds: Vec<Bound>,
+    /// First equality and first inequality of each point, and the numbers of both.
+    row_starts: Vec<usize>,
+    bound_starts: Vec<usize>,
     residual_jacobian: Sparse,
     residual_data: Vec<f64>,
     equality_pattern: Sparse,
@@ -102,20 +115,30 @@ impl<'m> Collocation<'m> {
             .collect();
         let residual_jacobian = Sparse::from_triplets(residual_rows.len(), n, &triplets);
 
-        let (nz, rows) = (instant.variables(), instant.equations());
-        let initial = layout.initial.len();
-        let mut equalities = Pattern::new(initial + rows * layout.points.len(), n);
-        for (row, combination) in layout.initial.iter().enumerate() {
+        let nz = instant.variables();
+        let mut row_starts = vec![layout.linear.len()];
+        for point in &layout.points {
+            row_starts.push(row_starts[row_starts.len() - 1] + point.rows.len());
+        }
+        // Entries of a point's Jacobian: (row of the whole, local row, local variable).
+        let local_jacobian = instant.jacobian_pattern();
+        let entries = |j: usize| {
+            let (start, point) = (row_starts[j], &layout.points[j]);
+            let place = |row: usize| point.rows.iter().position(|&r| r == row).map(|k| start + k);
+            let places: Vec<Option<usize>> = (0..instant.equations()).map(place).collect();
+            local_jacobian.iter().filter_map(move |&(row, local)| Some((places[row]?, row, local)))
+        };
+        let mut equalities = Pattern::new(row_starts[layout.points.len()], n);
+        for (row, combination) in layout.linear.iter().enumerate() {
             combination.iter().for_each(|&(column, _)| equalities.add(row, column));
         }
-        let local_jacobian = instant.jacobian_pattern();
-        for (j, map) in layout.points.iter().enumerate() {
-            for &(row, local) in &local_jacobian {
-                map[local].iter().for_each(|&(column, _)| equalities.add(initial + j * rows + row, column));
+        for (j, point) in layout.points.iter().enumerate() {
+            for (row, _, local) in entries(j) {
+                point.map[local].iter().for_each(|&(column, _)| equalities.add(row, column));
             }
         }
         let mut equality_pattern = equalities.build();
-        for (row, combination) in layout.initial.iter().enumerate() {
+        for (row, combination) in layout.linear.iter().enumerate() {
             for &(column, weight) in combination {
                 equality_pattern.values[equalities.slot(row, column)] += weight;
             }
@@ -124,23 +147,26 @@ impl<'m> Collocation<'m> {
             .points
             .iter()
             .enumerate()
-            .map(|(j, map)| {
-                let entry = |&(row, local): &(usize, usize)| {
+            .map(|(j, point)| {
+                let entry = |(place, row, local): (usize, usize, usize)| {
                     let equalities = &equalities;
-                    map[local].iter().map(move |&(column, weight)| {
-                        let slot = equalities.slot(initial + j * rows + row, column);
-                        ((row * nz + local) as u32, slot as u32, weight)
+                    point.map[local].iter().map(move |&(column, weight)| {
+                        ((row * nz + local) as u32, equalities.slot(place, column) as u32, weight)
                     })
                 };
-                local_jacobian.iter().flat_map(entry).collect()
+                entries(j).flat_map(entry).collect()
             })
             .collect();
 
         let mut bounds = Vec::new();
-        for point in 0..layout.points.len() {
+        let mut bound_starts = vec![0];
+        for (point, Point { complete, .. }) in layout.points.iter().enumerate() {
             for &kind in kinds {
-                bounds.extend((0..instant.model.muscles.len()).map(|muscle| Bound { kind, muscle, point }));
+                if *complete || matches!(kind, BoundKind::Activation | BoundKind::ActivationUpper) {
+                    bounds.extend((0..instant.model.muscles.len()).map(|muscle| Bound { kind, muscle, point }));
+                }
             }
+            bound_starts.push(bounds.len());
         }
         let mut inequalities = Pattern::new(bounds.len(), n);
         let locals = |bound: &Bound| {
@@ -153,7 +179,7 @@ impl<'m> Collocation<'m> {
         };
         for (row, bound) in bounds.iter().enumerate() {
             for local in locals(bound) {
-                layout.points[bound.point][local].iter().for_each(|&(column, _)| inequalities.add(row, column));
+                layout.points[bound.point].map[local].iter().for_each(|&(column, _)| inequalities.add(row, column));
             }
         }
         let mut inequality_pattern = inequalities.build();
@@ -164,7 +190,7 @@ impl<'m> Collocation<'m> {
                 BoundKind::ActivationUpper | BoundKind::ExcitationUpper => -1.0,
                 BoundKind::Force => {
                     for (k, local) in locals(bound).into_iter().enumerate() {
-                        for &(column, weight) in &layout.points[bound.point][local] {
+                        for &(column, weight) in &layout.points[bound.point].map[local] {
                             let slot = inequalities.slot(row, column) as u32;
                             force_scatter[bound.point].push(((3 * bound.muscle + k) as u32, slot, weight));
                         }
@@ -172,7 +198,7 @@ impl<'m> Collocation<'m> {
                     continue;
                 }
             };
-            for &(column, weight) in &layout.points[bound.point][locals(bound)[0]] {
+            for &(column, weight) in &layout.points[bound.point].map[locals(bound)[0]] {
                 inequality_pattern.values[inequalities.slot(row, column)] += sign * weight;
             }
         }
@@ -182,7 +208,7 @@ impl<'m> Collocation<'m> {
         let mut hessian = Pattern::new(n, n);
         gram_matrix.entries().for_each(|(row, column, _)| hessian.add(row, column));
         (0..n).for_each(|i| hessian.add(i, i));
-        for map in &layout.points {
+        for Point { map, .. } in &layout.points {
             for &(i, j) in &local_hessian {
                 for &(row, _) in &map[i] {
                     map[j].iter().filter(|&&(column, _)| row <= column).for_each(|&(c, _)| hessian.add(row, c));
@@ -197,7 +223,7 @@ impl<'m> Collocation<'m> {
         let hessian_scatter = layout
             .points
             .iter()
-            .map(|map| {
+            .map(|Point { map, .. }| {
                 let mut scatter = Scatter::new();
                 for &(i, j) in &local_hessian {
                     for &(row, weight) in &map[i] {
@@ -213,7 +239,7 @@ impl<'m> Collocation<'m> {
 
         let mut units = vec![1.0; n];
         let weight = instant.model.weight();
-        for map in &layout.points {
+        for Point { map, .. } in &layout.points {
             for c in 0..instant.model.constraints() {
                 map[instant.reaction(c)].iter().for_each(|&(index, _)| units[index] = weight);
             }
@@ -222,6 +248,8 @@ impl<'m> Collocation<'m> {
             instant,
             layout,
             bounds,
+            row_starts,
+            bound_starts,
             residual_jacobian,
             residual_data,
             equality_pattern,
@@ -238,7 +266,7 @@ impl<'m> Collocation<'m> {
 
     /// Local variables z of a point.
     pub fn local(&self, point: usize, x: &[f64]) -> Vec<f64> {
-        self.layout.points[point].iter().map(|combination| evaluate(combination, x)).collect()
+        self.layout.points[point].map.iter().map(|combination| evaluate(combination, x)).collect()
     }
 
     /// The bound's slack at x.
@@ -280,33 +308,34 @@ impl Problem for Collocation<'_> {
     }
 
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]) {
-        let (initial, rows) = (self.layout.initial.len(), self.instant.equations());
-        for (row, combination) in self.layout.initial.iter().enumerate() {
+        for (row, combination) in self.layout.linear.iter().enumerate() {
             equalities[row] = evaluate(combination, x);
         }
-        let per_point = self.bounds.len() / self.layout.points.len();
-        for point in 0..self.layout.points.len() {
+        let mut residual = vec![0.0; self.instant.equations()];
+        for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
             let z = self.local(point, x);
-            self.instant.residual(&z, &mut equalities[initial + point * rows..initial + (point + 1) * rows]);
-            for row in point * per_point..(point + 1) * per_point {
+            self.instant.residual(&z, &mut residual);
+            rows.iter().enumerate().for_each(|(k, &row)| equalities[self.row_starts[point] + k] = residual[row]);
+            for row in self.bound_starts[point]..self.bound_starts[point + 1] {
                 inequalities[row] = self.slack(&self.bounds[row], &z);
             }
         }
     }
 
     /// Feasibility of the unscaled problem (the contract's): the largest of |eq. (1)| over total weight, |eq. (3)| as
-    /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, and initial-value rows.
+    /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, linear rows, and, in the stabilised form, the
+    /// kinematic and velocity equations in m/s and rad/s.
     fn feasibility(&self, x: &[f64]) -> f64 {
-        let mut worst: f64 = self.layout.initial.iter().map(|row| evaluate(row, x).abs()).fold(0.0, larger);
+        let mut worst: f64 = self.layout.linear.iter().map(|row| evaluate(row, x).abs()).fold(0.0, larger);
         let mut residual = vec![0.0; self.instant.equations()];
         let [_, contraction, activation] = self.instant.row_starts();
-        for point in 0..self.layout.points.len() {
+        for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
             let z = self.local(point, x);
             self.instant.residual(&z, &mut residual);
             for m in 0..activation - contraction {
                 residual[contraction + m] = self.instant.printed_contraction_residual(&z, m);
             }
-            worst = residual.iter().map(|r| r.abs()).fold(worst, larger);
+            worst = rows.iter().map(|&row| residual[row].abs()).fold(worst, larger);
         }
         for bound in &self.bounds {
             worst = larger(worst, -self.slack(bound, &self.local(bound.point, x)));
@@ -336,21 +365,23 @@ impl Problem for Collocation<'_> {
     }
 
     fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, curvature: Curvature, out: &mut Sparse) {
-        let (nz, rows) = (self.instant.variables(), self.instant.equations());
-        let initial = self.layout.initial.len();
+        let nz = self.instant.variables();
+        let mut equations = vec![0.0; self.instant.equations()];
         out.values.copy_from_slice(&self.gram);
         let mut local = vec![0.0; nz * nz];
         let mut force = vec![0.0; self.instant.model.muscles.len()];
-        let per_point = self.bounds.len() / self.layout.points.len();
-        for point in 0..self.layout.points.len() {
-            for row in point * per_point..(point + 1) * per_point {
+        for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
+            force.fill(0.0);
+            for row in self.bound_starts[point]..self.bound_starts[point + 1] {
                 if self.bounds[row].kind == BoundKind::Force {
                     force[self.bounds[row].muscle] = multipliers.inequalities[row];
                 }
             }
-            let equations = &multipliers.equalities[initial + point * rows..initial + (point + 1) * rows];
+            equations.fill(0.0);
+            let start = self.row_starts[point];
+            rows.iter().enumerate().for_each(|(k, &row)| equations[row] = multipliers.equalities[start + k]);
             let z = self.local(point, x);
-            self.instant.hessian(&z, InstantMultipliers { equations, force: &force }, &mut local);
+            self.instant.hessian(&z, InstantMultipliers { equations: &equations, force: &force }, &mut local);
             if curvature == Curvature::Convex {
                 self.instant.convexify(&mut local);
             }

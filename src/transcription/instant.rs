@@ -9,6 +9,14 @@
 //! | a, l, v, ȧ, u | activation, fibre length, its velocity, activation's rate, excitation; muscle by muscle | 5 nm | –, L_o, L_o/s, 1/s, – |
 //! | f_r | joint reactions | nc | total weight W |
 //!
+//! The stabilised first-order form ([`Form::Stabilised`]) has q̈ = dv/dt of a velocity v of its own, and `2 nq + nc` more:
+//!
+//! | symbol | what | count | unit |
+//! |---|---|---|---|
+//! | v | body velocities | nq | m/s, rad/s |
+//! | q̇ | rates of the body coordinates | nq | m/s, rad/s |
+//! | η | multipliers of the stabilisation, zero but for the discretisation's error | nc | – |
+//!
 //! Equations, in this order (`nq + nc + 2 nm`), thesis Paper B:
 //!
 //! | eq. | residual | unit |
@@ -17,6 +25,14 @@
 //! | (2) | `Φ(q)` | m, rad |
 //! | (3) | `l_t(q, l) − f_t⁻¹(f_m)`, `f_m = (f_pe(l) + a f_l(l) f_v(v)) cos θ` | strain |
 //! | (4) | `τ (ȧ − (u − a)(u/τ_act + (1 − u)/τ_deact))`, τ the larger time | – |
+//!
+//! and in the stabilised form (`nq + nc` more) those of C. W. Gear, B. Leimkuhler and G. K. Gupta, *J. Comput. Appl. Math.*
+//! 12–13, 1985, which lower the index of the constrained motion from 3 to 2:
+//!
+//! | eq. | residual | unit |
+//! |---|---|---|
+//! | kinematic | `q̇ − v − Φ_qᵀ η` | m/s, rad/s |
+//! | velocity | `Φ_q v` | m/s, rad/s |
 //!
 //! DEPARTURE [thesis, Paper B, eq. 3]: the tendon curve is inverted and the fibre's force goes into eq. (1). Where
 //! the force is positive that is an invertible row operation, so ranks are the same, and the stiff tendon no longer
@@ -37,10 +53,20 @@ pub const ACTIVATION_RATE: usize = 3;
 pub const EXCITATION: usize = 4;
 const PER_MUSCLE: usize = 5;
 
+/// How the motion's second-order equations are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// In q, q̇, q̈ of one function q of time, as in the thesis.
+    SecondOrder,
+    /// In q and v, with the constraints on both levels (GGL).
+    Stabilised,
+}
+
 /// The equations of a model at an instant, with exact first and second derivatives.
 #[derive(Clone, Debug)]
 pub struct Instant<'m> {
     pub model: &'m Model,
+    pub form: Form,
     nq: usize,
     nc: usize,
     nm: usize,
@@ -60,10 +86,11 @@ pub struct InstantMultipliers<'a> {
 }
 
 impl<'m> Instant<'m> {
-    pub fn new(model: &'m Model) -> Self {
+    pub fn new(model: &'m Model, form: Form) -> Self {
         let weight = model.weight();
         Self {
             model,
+            form,
             nq: model.coordinates(),
             nc: model.constraints(),
             nm: model.muscles.len(),
@@ -75,12 +102,14 @@ impl<'m> Instant<'m> {
 
     /// Number of local variables `nz`.
     pub fn variables(&self) -> usize {
-        2 * self.nq + PER_MUSCLE * self.nm + self.nc
+        let more = if self.form == Form::Stabilised { 2 * self.nq + self.nc } else { 0 };
+        2 * self.nq + PER_MUSCLE * self.nm + self.nc + more
     }
 
     /// Number of equations.
     pub fn equations(&self) -> usize {
-        self.nq + self.nc + 2 * self.nm
+        let more = if self.form == Form::Stabilised { self.nq + self.nc } else { 0 };
+        self.nq + self.nc + 2 * self.nm + more
     }
 
     pub fn acceleration(&self, coordinate: usize) -> usize {
@@ -94,6 +123,27 @@ impl<'m> Instant<'m> {
 
     pub fn reaction(&self, constraint: usize) -> usize {
         2 * self.nq + PER_MUSCLE * self.nm + constraint
+    }
+
+    /// v of the stabilised form.
+    pub fn velocity(&self, coordinate: usize) -> usize {
+        self.reaction(self.nc) + coordinate
+    }
+
+    /// q̇ of the stabilised form.
+    pub fn rate(&self, coordinate: usize) -> usize {
+        self.reaction(self.nc) + self.nq + coordinate
+    }
+
+    /// η of the stabilised form.
+    pub fn stabiliser(&self, constraint: usize) -> usize {
+        self.reaction(self.nc) + 2 * self.nq + constraint
+    }
+
+    /// First row of the kinematic and of the velocity equations of the stabilised form.
+    pub fn stabilised_row_starts(&self) -> [usize; 2] {
+        let kinematic = self.nq + self.nc + 2 * self.nm;
+        [kinematic, kinematic + self.nq]
     }
 
     /// First row of Φ, of eq. (3) and of eq. (4); eq. (1) begins at 0.
@@ -115,15 +165,28 @@ impl<'m> Instant<'m> {
             out[i] = self.mass[i] * z[self.acceleration(i)];
         }
         self.subtract_loads(q, out);
+        let stabilised = self.form == Form::Stabilised;
+        let [kinematic_row, velocity_row] = self.stabilised_row_starts();
+        if stabilised {
+            for i in 0..self.nq {
+                out[kinematic_row + i] = z[self.rate(i)] - z[self.velocity(i)];
+            }
+        }
         let mut row = 0;
         for joint in &self.model.joints {
             let slots = joint.slots();
             for function in joint.constraints(q) {
                 out[constraint_row + row] = function.value;
                 let reaction = z[self.reaction(row)];
+                if stabilised {
+                    out[velocity_row + row] = 0.0;
+                }
                 for (slot, gradient) in slots.iter().zip(function.gradient) {
-                    if let Some(coordinate) = slot {
-                        out[*coordinate] += reaction * gradient;
+                    let Some(coordinate) = *slot else { continue };
+                    out[coordinate] += reaction * gradient;
+                    if stabilised {
+                        out[kinematic_row + coordinate] -= z[self.stabiliser(row)] * gradient;
+                        out[velocity_row + row] += z[self.velocity(coordinate)] * gradient;
                     }
                 }
                 row += 1;
@@ -176,6 +239,14 @@ impl<'m> Instant<'m> {
             let angle = 3 * force.body + 2;
             out[angle * nz + angle] -= (bend[0] * force.force[0] + bend[1] * force.force[1]) / self.weight;
         }
+        let stabilised = self.form == Form::Stabilised;
+        let [kinematic_row, velocity_row] = self.stabilised_row_starts();
+        if stabilised {
+            for i in 0..self.nq {
+                out[(kinematic_row + i) * nz + self.rate(i)] = 1.0;
+                out[(kinematic_row + i) * nz + self.velocity(i)] = -1.0;
+            }
+        }
         let mut row = 0;
         for joint in &self.model.joints {
             let slots = joint.slots();
@@ -185,9 +256,17 @@ impl<'m> Instant<'m> {
                     let Some(coordinate) = *slot else { continue };
                     out[(constraint_row + row) * nz + coordinate] = function.gradient[i];
                     out[coordinate * nz + self.reaction(row)] = function.gradient[i];
+                    if stabilised {
+                        out[(kinematic_row + coordinate) * nz + self.stabiliser(row)] = -function.gradient[i];
+                        out[(velocity_row + row) * nz + self.velocity(coordinate)] = function.gradient[i];
+                    }
                     for (j, other) in slots.iter().enumerate() {
-                        if let Some(other) = *other {
-                            out[coordinate * nz + other] += reaction * function.hessian[i][j];
+                        let Some(other) = *other else { continue };
+                        let second = function.hessian[i][j];
+                        out[coordinate * nz + other] += reaction * second;
+                        if stabilised {
+                            out[(kinematic_row + coordinate) * nz + other] -= z[self.stabiliser(row)] * second;
+                            out[(velocity_row + row) * nz + other] += z[self.velocity(coordinate)] * second;
                         }
                     }
                 }
@@ -263,6 +342,9 @@ impl<'m> Instant<'m> {
                 row += 1;
             }
         }
+        if self.form == Form::Stabilised {
+            self.add_stabilised_hessian(z, lambda, out);
+        }
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
             let (a, l, v) = (z[at], z[at + LENGTH], z[at + VELOCITY]);
@@ -304,6 +386,40 @@ impl<'m> Instant<'m> {
         }
     }
 
+    /// The part of `κᵀ (q̇ − v − Φ_qᵀ η) + γᵀ Φ_q v`: with `Φ_η = Σ η_c Φ_c` and `Φ_γ` alike that is `γ`'s directional derivative
+    /// along v less `η`'s along κ.
+    fn add_stabilised_hessian(&self, z: &[f64], lambda: &[f64], out: &mut [f64]) {
+        let nz = self.variables();
+        let [kinematic_row, velocity_row] = self.stabilised_row_starts();
+        let along = |direction: &[f64]| -> Vec<Dual64> {
+            z[..self.nq].iter().zip(direction).map(|(&x, &d)| Dual64::new(x, d)).collect()
+        };
+        let by_kappa = along(&lambda[kinematic_row..velocity_row]);
+        let by_velocity = along(&z[self.velocity(0)..self.velocity(0) + self.nq]);
+        let mut row = 0;
+        for joint in &self.model.joints {
+            let slots = joint.slots();
+            for (kappa, velocity) in joint.constraints(&by_kappa).into_iter().zip(joint.constraints(&by_velocity)) {
+                let (eta, gamma) = (z[self.stabiliser(row)], lambda[velocity_row + row]);
+                for (i, slot) in slots.iter().enumerate() {
+                    let Some(coordinate) = *slot else { continue };
+                    let mixed = kappa.gradient[i].eps;
+                    out[coordinate * nz + self.stabiliser(row)] -= mixed;
+                    out[self.stabiliser(row) * nz + coordinate] -= mixed;
+                    for (j, other) in slots.iter().enumerate() {
+                        let Some(other) = *other else { continue };
+                        out[coordinate * nz + other] +=
+                            gamma * velocity.hessian[i][j].eps - eta * kappa.hessian[i][j].eps;
+                        let bend = gamma * velocity.hessian[i][j].re;
+                        out[coordinate * nz + self.velocity(other)] += bend;
+                        out[self.velocity(other) * nz + coordinate] += bend;
+                    }
+                }
+                row += 1;
+            }
+        }
+    }
+
     /// Makes a local Hessian positive semidefinite: the blocks of the body coordinates and of each muscle keep their
     /// positive curvature only, what couples them is left out.
     pub fn convexify(&self, hessian: &mut [f64]) {
@@ -333,6 +449,7 @@ impl<'m> Instant<'m> {
     /// Every (row, local variable) where the Jacobian can be non-zero.
     pub fn jacobian_pattern(&self) -> Vec<(usize, usize)> {
         let [constraint_row, contraction_row, activation_row] = self.row_starts();
+        let [kinematic_row, velocity_row] = self.stabilised_row_starts();
         let mut pattern = Vec::new();
         for i in 0..self.nq {
             pattern.push((i, self.acceleration(i)));
@@ -344,9 +461,20 @@ impl<'m> Instant<'m> {
                 for coordinate in joint.slots().into_iter().flatten() {
                     pattern.push((constraint_row + row, coordinate));
                     pattern.push((coordinate, self.reaction(row)));
+                    if self.form == Form::Stabilised {
+                        pattern.push((kinematic_row + coordinate, self.stabiliser(row)));
+                        pattern.push((velocity_row + row, self.velocity(coordinate)));
+                        pattern.push((velocity_row + row, coordinate));
+                        let slots = joint.slots().into_iter().flatten();
+                        pattern.extend(slots.map(|other| (kinematic_row + coordinate, other)));
+                    }
                 }
                 row += 1;
             }
+        }
+        if self.form == Form::Stabilised {
+            pattern.extend((0..self.nq).map(|i| (kinematic_row + i, self.rate(i))));
+            pattern.extend((0..self.nq).map(|i| (kinematic_row + i, self.velocity(i))));
         }
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
@@ -372,6 +500,11 @@ impl<'m> Instant<'m> {
             for _ in 0..joint.kind.constraints() {
                 for coordinate in joint.slots().into_iter().flatten() {
                     both(&mut pattern, coordinate, self.reaction(row));
+                    if self.form == Form::Stabilised {
+                        both(&mut pattern, coordinate, self.stabiliser(row));
+                        let slots = joint.slots().into_iter().flatten();
+                        slots.for_each(|other| both(&mut pattern, coordinate, self.velocity(other)));
+                    }
                 }
                 row += 1;
             }
@@ -443,8 +576,14 @@ pub(crate) mod tests {
 
     #[test]
     fn jacobian_and_hessian_agree_with_differences_and_their_patterns() {
+        for form in [Form::SecondOrder, Form::Stabilised] {
+            check_derivatives(form);
+        }
+    }
+
+    fn check_derivatives(form: Form) {
         let model = model();
-        let instant = Instant::new(&model);
+        let instant = Instant::new(&model, form);
         let (nz, rows, nm) = (instant.variables(), instant.equations(), model.muscles.len());
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
         let jacobian = |z: &[f64]| {

@@ -1,29 +1,29 @@
-//! The rank deficiencies that the pattern of active bounds explains, for the midpoint scheme.
+//! The rank deficiencies that the pattern of active bounds explains, for any scheme.
 //!
-//! Let a muscle's activation have p + 1 coefficients (degree 1, one point in each of p spans), and likewise its fibre
-//! length. Then, with μ > 0:
+//! A muscle's activation has some coefficients (midpoint: p + 1, radau: one at t_1 and one at each point), and likewise its fibre
+//! length. Then, with μ > 0 and enough measured instants to fix the motion:
 //!
 //! **[Aᵀ Jᵀ]**
-//! - +1 for each muscle with a = 0 at all points: its contraction equation is algebraic in the fibre length, p equations
-//!   for p + 1 coefficients, and the alternating mode is free.
-//! - +1, if activation enters the objective at the collocation points only, for each muscle without an active
-//!   excitation bound: the alternating mode of its activation vanishes at every point, and u pays for it freely. (With
-//!   further instants the mode has a cost; with an active excitation bound, `δȧ + s δa = 0` there removes it.)
-//! - + the dependent joint constraints at every point: their reactions are not unique.
+//! - Activation: the changes δa that vanish at every instant of the load-sharing grid and meet the active bounds' rows
+//!   `{δa_j : a_j at a bound}`, `{δȧ_j + s_j δa_j : u_j at a bound}`, s_j = u/τ_act + (1 − u)/τ_deact (for τ_act = τ_deact; in general ∂/∂a of
+//!   eq. 4); u pays for them freely. Midpoint, collocation grid: the alternating mode of each muscle without an active excitation
+//!   bound. Else none.
+//! - Fibre length: the changes δl that vanish at every point, with δl̇ vanishing where a ≠ 0. Midpoint: the alternating mode
+//!   of each muscle with a = 0 at all points, whose contraction equation is algebraic. Radau: none from
+//!   equilibrium (that is one more row); with a free start, the initial length of each muscle with a = 0 throughout the first interval.
+//! - + the dependent joint constraints at every point: their reactions are not unique, nor, in the stabilised form, η.
 //!
 //! **A**
-//! - Per muscle, the rows `{δa_j : a_j at a bound}` and `{δȧ_j + s_j δa_j : u_j at a bound}`, s_j = u/τ_act + (1 − u)/τ_deact
-//!   (for τ_act = τ_deact; in general ∂/∂a of eq. 4), live in p + 1 coefficients: rows − rank.
-//! - + the dependent joint constraints at every point.
+//! - Per muscle, those bounds' rows − their rank. An idle muscle gives p − 1 at midpoint, s (p − 1) with radau.
+//! - + the dependent joint constraints at every point: of Φ, and in the stabilised form of Φ and Φ_q v together.
 //!
-//! With μ = 0 and no bound active, [Aᵀ Jᵀ] has 2 nm + p (nm + nc − nq) + the dependent joint constraints; with active
-//! bounds no count is given.
+//! With μ = 0 and no bound active, [Aᵀ Jᵀ] has `2 nm − (linear rows on l) + P (nm + nc − nq)` + the dependent joint constraints, P the number
+//! of complete points; with active bounds no count is given.
 
 use faer::Mat;
 
-use super::collocation::{BoundKind, Collocation};
-use super::instant::{ACTIVATION, ACTIVATION_RATE, EXCITATION};
-use super::midpoint::Midpoint;
+use super::collocation::{BoundKind, Collocation, Combination};
+use super::instant::{ACTIVATION, ACTIVATION_RATE, EXCITATION, Form, LENGTH, VELOCITY};
 use crate::numerics::rank;
 
 /// Predicted row deficiencies.
@@ -34,82 +34,131 @@ pub struct Prediction {
 }
 
 /// What the prediction needs to know beside the problem.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Setting {
-    /// μ > 0
-    pub shares_load: bool,
-    /// Activation enters the objective at the collocation points only.
-    pub at_collocation_points_only: bool,
+    /// Activations in the objective, muscle by muscle; empty with μ = 0.
+    pub sharing: Vec<Vec<Combination>>,
+    /// Whether the measured instants fix every motion of the scheme.
+    pub motion_is_fixed: bool,
 }
 
-impl Midpoint {
-    /// Predicts both deficiencies at a polished point `x` from which `active` bounds (rows of `problem.bounds`) hold.
-    pub fn predict(&self, problem: &Collocation<'_>, x: &[f64], active: &[usize], setting: Setting) -> Prediction {
-        let instant = &problem.instant;
-        let model = instant.model;
-        let points = self.points.len();
-        let locals: Vec<Vec<f64>> = (0..points).map(|j| problem.local(j, x)).collect();
-
-        let joints: usize = locals
-            .iter()
-            .map(|z| {
-                let rows: Vec<_> =
-                    model.joints.iter().flat_map(|j| j.constraints(z).into_iter().map(|f| (j.slots(), f))).collect();
-                let mut jacobian = Mat::zeros(rows.len(), model.coordinates());
-                for (row, (slots, function)) in rows.iter().enumerate() {
-                    for (slot, gradient) in slots.iter().zip(function.gradient) {
-                        if let Some(coordinate) = slot {
-                            jacobian[(row, *coordinate)] = gradient;
-                        }
-                    }
-                }
-                rank::by_svd(&jacobian).map_or(0, |r| rows.len() - r.rank)
-            })
-            .sum();
-
-        let (mut a, mut idle, mut unbounded_excitation, mut active_bounds) = (joints, 0, 0, 0);
-        for (m, muscle) in model.muscles.iter().enumerate() {
-            let at = instant.muscle(m);
-            let mut rows: Vec<Vec<f64>> = Vec::new();
-            let mut excitation_bound = false;
-            for bound in active.iter().map(|&row| &problem.bounds[row]).filter(|b| b.muscle == m) {
-                let t = self.points[bound.point];
-                let mut row = vec![0.0; points + 1];
-                let mut add = |derivative: usize, factor: f64| {
-                    let basis = self.state.basis(t, derivative);
-                    basis.values.iter().enumerate().for_each(|(k, b)| row[basis.first + k] += factor * b);
-                };
-                match bound.kind {
-                    BoundKind::Activation | BoundKind::ActivationUpper => add(0, 1.0),
-                    BoundKind::Excitation | BoundKind::ExcitationUpper => {
-                        let z = &locals[bound.point];
-                        let (value, rate, u) = (z[at + ACTIVATION], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
-                        add(1, 1.0);
-                        add(0, muscle.activation_residual(value, rate, u).gradient[0]);
-                        excitation_bound = true;
-                    }
-                    BoundKind::Force => continue,
-                }
-                rows.push(row);
-            }
-            active_bounds += rows.len();
-            let matrix = Mat::from_fn(rows.len(), points + 1, |i, j| rows[i][j]);
-            a += rank::by_svd(&matrix).map_or(0, |r| rows.len() - r.rank);
-            idle += usize::from(locals.iter().all(|z| z[at + ACTIVATION].abs() <= crate::nlp::polish::ACTIVE));
-            unbounded_excitation += usize::from(!excitation_bound);
+/// Rank of rows over the few unknowns they touch, and the number of those.
+fn rank_of(rows: &[Combination]) -> (usize, usize) {
+    let mut columns: Vec<usize> = rows.iter().flatten().map(|&(column, _)| column).collect();
+    columns.sort_unstable();
+    columns.dedup();
+    let mut matrix = Mat::zeros(rows.len(), columns.len());
+    for (row, combination) in rows.iter().enumerate() {
+        for &(column, weight) in combination {
+            let at = columns.partition_point(|&c| c < column);
+            matrix[(row, at)] += weight;
         }
-
-        let aj = if setting.shares_load {
-            let alternating = if setting.at_collocation_points_only { unbounded_excitation } else { 0 };
-            Some(idle + alternating + joints)
-        } else if active_bounds == 0 {
-            let muscles = model.muscles.len();
-            // nm + nc − nq may be negative for a model with fewer muscles than degrees of freedom.
-            let free = points as i64 * (muscles as i64 + model.constraints() as i64 - model.coordinates() as i64);
-            Some((2 * muscles as i64 + free.max(0)) as usize + joints)
-        } else {
-            None
-        };
-        Prediction { a: Some(a), aj }
     }
+    (rank::by_svd(&matrix).map_or(0, |r| r.rank), columns.len())
+}
+
+/// Predicts both deficiencies at a polished point `x` at which the `active` bounds (rows of `problem.bounds`) hold.
+pub fn predict(problem: &Collocation<'_>, x: &[f64], active: &[usize], setting: &Setting) -> Prediction {
+    let (instant, layout) = (&problem.instant, &problem.layout);
+    let model = instant.model;
+    let locals: Vec<Vec<f64>> = (0..layout.points.len()).map(|j| problem.local(j, x)).collect();
+    let complete: Vec<usize> = (0..layout.points.len()).filter(|&j| layout.points[j].complete).collect();
+    let (joints_a, joints_aj) = dependent_joint_constraints(problem, &locals);
+
+    let (mut a, mut free, mut active_bounds) = (joints_a, 0, 0);
+    for (m, muscle) in model.muscles.iter().enumerate() {
+        let at = instant.muscle(m);
+        let mut rows: Vec<Combination> = Vec::new();
+        for bound in active.iter().map(|&row| &problem.bounds[row]).filter(|b| b.muscle == m) {
+            let map = &layout.points[bound.point].map;
+            match bound.kind {
+                BoundKind::Activation | BoundKind::ActivationUpper => rows.push(map[at + ACTIVATION].clone()),
+                BoundKind::Excitation | BoundKind::ExcitationUpper => {
+                    let z = &locals[bound.point];
+                    let (value, rate, u) = (z[at + ACTIVATION], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
+                    let slope = muscle.activation_residual(value, rate, u).gradient[0];
+                    let mut row = map[at + ACTIVATION_RATE].clone();
+                    row.extend(map[at + ACTIVATION].iter().map(|&(column, weight)| (column, slope * weight)));
+                    rows.push(row);
+                }
+                BoundKind::Force => {}
+            }
+        }
+        active_bounds += rows.len();
+        a += rows.len() - rank_of(&rows).0;
+        if let Some(sharing) = setting.sharing.get(m) {
+            rows.extend(sharing.iter().cloned());
+            // Rows of zeros, for the unknowns that no other row touches.
+            rows.extend(layout.points.iter().map(|p| p.map[at + ACTIVATION].iter().map(|&(c, _)| (c, 0.0)).collect()));
+            let (rank, unknowns) = rank_of(&rows);
+            free += unknowns - rank;
+        }
+        let mut rows: Vec<Combination> = Vec::new();
+        for (point, z) in layout.points.iter().zip(&locals) {
+            let idle = z[at + ACTIVATION].abs() <= crate::nlp::polish::ACTIVE;
+            let keep = |row: &Combination, kept: bool| -> Combination {
+                row.iter().map(|&(column, weight)| (column, if kept { weight } else { 0.0 })).collect()
+            };
+            rows.push(keep(&point.map[at + LENGTH], point.complete));
+            rows.push(keep(&point.map[at + VELOCITY], point.complete && !idle));
+        }
+        rows.extend(linear_rows_on_length(problem, m));
+        let (rank, unknowns) = rank_of(&rows);
+        free += unknowns - rank;
+    }
+
+    let aj = if !setting.motion_is_fixed {
+        None
+    } else if !setting.sharing.is_empty() {
+        Some(free + joints_aj)
+    } else if active_bounds == 0 {
+        let muscles = model.muscles.len();
+        let linear: usize = (0..muscles).map(|m| linear_rows_on_length(problem, m).len()).sum();
+        // nm + nc − nq may be negative for a model with fewer muscles than degrees of freedom.
+        let spare = (muscles + model.constraints()).saturating_sub(model.coordinates());
+        Some(2 * muscles - linear + complete.len() * spare + joints_aj)
+    } else {
+        None
+    };
+    Prediction { a: Some(a), aj }
+}
+
+/// The linear rows that tie a muscle's fibre length at the start: those of `initial = "equilibrium"`. The rows that name initial
+/// values tie nothing: each has an unknown of its own.
+fn linear_rows_on_length(problem: &Collocation<'_>, muscle: usize) -> Vec<Combination> {
+    let at = problem.instant.muscle(muscle) + LENGTH;
+    let mut columns: Vec<usize> =
+        problem.layout.points.iter().flat_map(|p| p.map[at].iter().map(|&(column, _)| column)).collect();
+    columns.sort_unstable();
+    let is_ours = |row: &&Combination| row.iter().all(|(column, _)| columns.binary_search(column).is_ok());
+    problem.layout.linear.iter().filter(is_ours).cloned().collect()
+}
+
+/// Dependent rows among the joint constraints of all points, and the free reactions (and stabilisers) that follow.
+fn dependent_joint_constraints(problem: &Collocation<'_>, locals: &[Vec<f64>]) -> (usize, usize) {
+    let (instant, layout) = (&problem.instant, &problem.layout);
+    let (nq, nc) = (instant.model.coordinates(), instant.model.constraints());
+    let nz = instant.variables();
+    let mut jacobian = vec![0.0; instant.equations() * nz];
+    let mut force = vec![[0.0; 3]; instant.model.muscles.len()];
+    let [constraint_row, ..] = instant.row_starts();
+    let (mut rows, mut reactions) = (0, 0);
+    for (z, point) in locals.iter().zip(&layout.points) {
+        instant.jacobian(z, &mut jacobian, &mut force);
+        let position = Mat::from_fn(nc, nq, |i, j| jacobian[(constraint_row + i) * nz + j]);
+        let missing = nc - rank::by_svd(&position).map_or(nc, |r| r.rank);
+        if instant.form == Form::SecondOrder {
+            rows += missing;
+            reactions += missing;
+            continue;
+        }
+        let [_, velocity_row] = instant.stabilised_row_starts();
+        let both = Mat::from_fn(2 * nc, 2 * nq, |i, j| {
+            let row = if i < nc { constraint_row + i } else { velocity_row + i - nc };
+            jacobian[row * nz + if j < nq { j } else { instant.velocity(j - nq) }]
+        });
+        rows += 2 * nc - rank::by_svd(&both).map_or(2 * nc, |r| r.rank);
+        reactions += if point.complete { 2 * missing } else { 0 };
+    }
+    (rows, reactions)
 }

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use sinew::model::Model;
 use sinew::model::file::ModelFile;
-use sinew::transcription::instant::Instant;
+use sinew::transcription::instant::{Form, Instant};
 
 const PENDULUM: &str = r#"
 name = "pendulum"
@@ -55,7 +55,7 @@ fn residual_of_motion(instant: &Instant<'_>, z: &[f64]) -> f64 {
 
 /// z of the rod at an angle with angular velocity and acceleration, no muscle force to speak of.
 fn swinging(model: &Model, angle: f64, rate: f64, acceleration: f64) -> Vec<f64> {
-    let instant = Instant::new(model);
+    let instant = Instant::new(model, Form::SecondOrder);
     let q = model.assemble(&[Some(angle)], None).unwrap();
     let mut z = vec![0.0; instant.variables()];
     z[..3].copy_from_slice(&q);
@@ -71,7 +71,7 @@ fn swinging(model: &Model, angle: f64, rate: f64, acceleration: f64) -> Vec<f64>
 #[test]
 fn the_pendulum_equation_follows_from_the_constraint_form() {
     let model = pendulum();
-    let instant = Instant::new(&model);
+    let instant = Instant::new(&model, Form::SecondOrder);
     for (angle, rate) in [(0.3, 0.0), (-1.2, 2.0), (2.0, -3.0)] {
         // (I + m l²) φ̈ = −m g l sin φ
         let acceleration = -2.0 * 9.81 * 0.4 * f64::sin(angle) / (0.05 + 2.0 * 0.16);
@@ -85,7 +85,7 @@ fn the_pendulum_equation_follows_from_the_constraint_form() {
 #[test]
 fn a_muscle_holds_the_rod_with_the_torque_of_its_moment_arm() {
     let model = pendulum();
-    let instant = Instant::new(&model);
+    let instant = Instant::new(&model, Form::SecondOrder);
     let muscle = &model.muscles[0];
     let angle = -0.5;
     let length = |angle: f64| {
@@ -141,7 +141,7 @@ fn the_scheme_is_of_second_order_on_activation() {
         a
     };
     let model = pendulum();
-    let instant = Instant::new(&model);
+    let instant = Instant::new(&model, Form::SecondOrder);
     let error = |points: usize| {
         let scheme = sinew::transcription::midpoint::Midpoint::new(&instant, points, 1.0);
         let mut c = vec![0.0; scheme.state.dimension()];

@@ -9,6 +9,7 @@ use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
 use sinew::solve::transcribe;
 use sinew::study::settings::Bounds;
 use sinew::transcription::midpoint::{Initial, Midpoint};
+use sinew::transcription::scheme::Discretisation;
 
 use super::support::{model, motion, prepare, settings};
 
@@ -22,7 +23,7 @@ fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
     let table = motion("arm_curl.csv", model);
     let (instant, scheme, measurement) = prepare(model, &table, points);
     let problem = transcribe(&instant, &scheme, &measurement, &settings(|s| s.bounds = bounds));
-    let guess = start_guess(&instant, &scheme, &measurement).unwrap();
+    let guess = start_guess(model, &scheme, points, &measurement).unwrap();
     let outcome = sqp::solve(&problem, guess, SqpSettings::default());
     assert_eq!(outcome.status, SqpStatus::Converged);
     Solved { x: outcome.iterate.x, scheme }

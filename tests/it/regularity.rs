@@ -6,11 +6,12 @@ use sinew::nlp::iterate::Iterate;
 use sinew::nlp::regularity;
 use sinew::outcome::Status;
 use sinew::run::{RunOptions, run};
-use sinew::solve::transcribe;
+use sinew::solve::{prediction_setting, transcribe};
 use sinew::study::Study;
 use sinew::study::settings::{Bounds, LoadSharingGrid};
 use sinew::transcription::collocation::BoundKind;
-use sinew::transcription::prediction::Setting;
+use sinew::transcription::prediction::predict;
+use sinew::transcription::scheme::Discretisation;
 
 use super::support::{model, motion, prepare, root, settings};
 
@@ -44,7 +45,7 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
     for points in [4, 6] {
         let (instant, scheme, measurement) = prepare(&model, &table, points);
-        let guess = start_guess(&instant, &scheme, &measurement).unwrap();
+        let guess = start_guess(&model, &scheme, points, &measurement).unwrap();
         for round in 0..40 {
             let grid = if round % 2 == 0 { LoadSharingGrid::Measurement } else { LoadSharingGrid::Collocation };
             let settings = settings(|s| {
@@ -77,9 +78,8 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
                 .collect();
             let iterate = Iterate::new(&problem, x);
             let found = regularity::analyse(&problem, &iterate, &active).unwrap();
-            let setting =
-                Setting { shares_load: true, at_collocation_points_only: grid == LoadSharingGrid::Collocation };
-            let predicted = scheme.predict(&problem, &iterate.x, &active, setting);
+            let setting = prediction_setting(&model, &scheme, &measurement, &settings);
+            let predicted = predict(&problem, &iterate.x, &active, &setting);
             assert_eq!(Some(found.a.deficiency), predicted.a, "A, p = {points}, round {round}");
             assert_eq!(Some(found.aj.deficiency), predicted.aj, "[A; J], p = {points}, round {round}");
             let (a, aj) = regularity::deficiencies(&problem, &iterate, &active).unwrap();
@@ -99,7 +99,7 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
         s.bounds = Bounds::None;
     });
     let problem = transcribe(&instant, &scheme, &measurement, &settings);
-    let mut x = start_guess(&instant, &scheme, &measurement).unwrap();
+    let mut x = start_guess(&model, &scheme, 6, &measurement).unwrap();
     // Activations and slow fibres, so that every muscle answers.
     for m in 0..5 {
         for k in 0..scheme.state.dimension() {
@@ -110,8 +110,8 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
     let iterate = Iterate::new(&problem, x);
     let found = regularity::analyse(&problem, &iterate, &[]).unwrap();
     assert_eq!(found.aj.deficiency, 28);
-    let setting = Setting { shares_load: false, at_collocation_points_only: false };
-    assert_eq!(scheme.predict(&problem, &iterate.x, &[], setting).aj, Some(28));
+    let setting = prediction_setting(&model, &scheme, &measurement, &settings);
+    assert_eq!(predict(&problem, &iterate.x, &[], &setting).aj, Some(28));
 }
 
 #[test]

@@ -7,8 +7,8 @@ use sinew::model::Model;
 use sinew::model::file::ModelFile;
 use sinew::motion::{MotionSettings, MotionTable};
 use sinew::study::Study;
-use sinew::study::settings::Settings;
-use sinew::transcription::instant::Instant;
+use sinew::study::settings::{Scheme, Settings};
+use sinew::transcription::instant::{Form, Instant};
 use sinew::transcription::midpoint::Midpoint;
 
 pub fn root() -> &'static Path {
@@ -42,7 +42,7 @@ pub fn study(folder: &tempfile::TempDir) -> (PathBuf, Study) {
 
 /// Settings with h = 0.2 and what `change` makes of them.
 pub fn settings(change: impl FnOnce(&mut Settings)) -> Settings {
-    let mut settings = Settings { h: 0.2, ..Settings::default() };
+    let mut settings = Settings { h: 0.2, scheme: Scheme::Midpoint, ..Settings::default() };
     change(&mut settings);
     settings
 }
@@ -62,7 +62,7 @@ pub fn prepare<'m>(
         changes: Vec::new(),
     };
     let measurement = motion_settings.measure(table, model, points).unwrap();
-    let instant = Instant::new(model);
+    let instant = Instant::new(model, Form::SecondOrder);
     let scheme = Midpoint::new(&instant, points, table.duration());
     (instant, scheme, measurement)
 }
