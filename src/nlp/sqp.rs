@@ -45,7 +45,7 @@ pub struct SqpSettings {
 
 impl Default for SqpSettings {
     fn default() -> Self {
-        Self { tolerance: 1e-8, target: 8e-10, max_iterations: 300, deadline: None }
+        Self { tolerance: 1e-8, target: 9e-9, max_iterations: 300, deadline: None }
     }
 }
 
