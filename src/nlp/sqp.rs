@@ -106,7 +106,8 @@ const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
 const CORRECTIONS: usize = 4;
-const LEAP: f64 = 4.0;
+/// Lengths of a leap in steps, tried in this order.
+const LEAPS: [f64; 3] = [128.0, 16.0, 4.0];
 /// No leap when the KKT error is within this factor of the tolerance: no further out than it takes.
 const NEAR: f64 = 3.0;
 /// How far the interior point may raise δ for the exact Hessian.
@@ -248,8 +249,7 @@ impl Sqp<'_> {
                 && step.is_settled()
                 && damping <= 1e-5
                 && error.largest() < 0.1
-                && error.largest() > NEAR * self.settings.target
-                && !self.leapt;
+                && error.largest() > NEAR * self.settings.target;
             self.leapt = leaps && self.leap(&step, &mut accepted.trial);
             if accepted.verdict == Verdict::Progress {
                 self.filter.add(before);
@@ -406,27 +406,57 @@ impl Sqp<'_> {
         trial.evaluate(self.problem);
     }
 
-    /// Tries four times a settled step; see the module. Whether `trial` was moved.
+    /// Tries far more than a settled step; see the module. Whether `trial` was moved.
     fn leap(&mut self, step: &Step, trial: &mut Iterate) -> bool {
-        let mut far = self.at(&step.direction, LEAP);
-        self.reduce_violation(&mut far);
-        self.reduce_violation(&mut far);
-        let lower = far.objective < trial.objective - 1e-14 * self.here.objective.abs();
-        let moves = far.is_finite() && lower && far.violation() <= trial.violation();
-        if moves {
-            *trial = far;
+        trial.equality_multipliers.copy_from_slice(&step.equality_multipliers);
+        trial.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
+        trial.differentiate(self.problem);
+        let error = trial.kkt_error().largest();
+        for far in LEAPS {
+            let mut there = trial.clone();
+            there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
+            there.evaluate(self.problem);
+            there.differentiate(self.problem);
+            for _ in 0..2 {
+                self.simplified_step(&mut there, &step.active);
+            }
+            let no_loss = there.objective <= trial.objective + 1e-9 * trial.objective.abs()
+                && there.violation() <= trial.violation().max(self.settings.tolerance);
+            if no_loss && there.kkt_error().largest() < 0.5 * error {
+                *trial = there;
+                return true;
+            }
         }
-        moves
+        false
+    }
+
+    /// One Newton step on the optimality conditions of `point` with the factorisation at hand.
+    fn simplified_step(&mut self, point: &mut Iterate, active: &[bool]) {
+        let (n, me) = (point.x.len(), point.equalities.len());
+        let mut right: Vec<f64> = point.lagrangian_gradient().iter().map(|g| -g).collect();
+        right.extend(point.equalities.iter().map(|c| -c));
+        right.extend(point.inequalities.iter().map(|d| -d));
+        let mut solution = vec![0.0; self.kkt.order()];
+        self.kkt.solve(&right, &mut solution);
+        point.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
+        point.equality_multipliers.iter_mut().zip(&solution[n..]).for_each(|(l, d)| *l += d);
+        let inequalities = point.inequality_multipliers.iter_mut().zip(&solution[n + me..]).zip(active);
+        inequalities.for_each(|((nu, d), active)| *nu = if *active { (*nu - d).max(0.0) } else { 0.0 });
+        point.evaluate(self.problem);
+        point.differentiate(self.problem);
     }
 
     /// Moves to the accepted point.
     fn take(&mut self, step: Step, accepted: Accepted, record: &mut Record) {
         let Accepted { mut trial, fraction, .. } = accepted;
         record.step_norm = distance(&self.here.x, &trial.x);
-        let blend = |old: &mut f64, new: &f64| *old += fraction * (new - *old);
-        trial.equality_multipliers.iter_mut().zip(&step.equality_multipliers).for_each(|(o, n)| blend(o, n));
-        trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers).for_each(|(o, n)| blend(o, n));
-        trial.differentiate(self.problem);
+        // A leap has brought its own multipliers and derivatives.
+        if !self.leapt {
+            let blend = |old: &mut f64, new: &f64| *old += fraction * (new - *old);
+            trial.equality_multipliers.iter_mut().zip(&step.equality_multipliers).for_each(|(o, n)| blend(o, n));
+            trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers).for_each(|(o, n)| blend(o, n));
+            trial.differentiate(self.problem);
+        }
         self.here = trial;
         self.active = Some(step.active);
     }
