@@ -13,12 +13,12 @@ const ROUNDS: usize = 12;
 /// A linear system solved worse than this (relative) is one of contradicting constraints.
 const ACCURACY: f64 = 1e-6;
 /// From this round on, more than so many wrong rows are too many.
-const PATIENCE: usize = 4;
+const PATIENCE: usize = 3;
 const NEARLY: usize = 4;
 pub const SMALLEST_DAMPING: f64 = 1e-13;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Above this, guessing gives up: the convexified problem serves better.
-const EXACT_DAMPING: f64 = 1e0;
+const EXACT_DAMPING: f64 = 1e-2;
 const RAISE: f64 = 5.0;
 
 /// The step and multipliers of the sub-problem.

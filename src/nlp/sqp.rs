@@ -18,8 +18,9 @@
 //! better model: a δ that covers all negative curvature shortens every step, leaving it out only those along it.
 //!
 //! Why the leap: the force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its
-//! optimum at infinite fibre velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries four times
-//! the step and keeps it if it lowers f at no loss of feasibility.
+//! optimum at infinite fibre velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries up to 64 times the step,
+//! corrected by three more steps on the optimality conditions with the same factorisation, and is kept if it lowers the KKT error at no
+//! loss. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
 
 use std::time::Instant;
 
@@ -106,12 +107,13 @@ const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
 const CORRECTIONS: usize = 4;
-/// Lengths of a leap in steps, tried in this order.
-const LEAPS: [f64; 3] = [128.0, 16.0, 4.0];
-/// No leap when the KKT error is within this factor of the tolerance: no further out than it takes.
-const NEAR: f64 = 3.0;
+/// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
+const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
+const LONGEST_LEAP: f64 = 64.0;
 /// How far the interior point may raise δ for the exact Hessian.
-const MOST: f64 = 0.1;
+const MOST: f64 = 3e-3;
+/// δ starts no larger than this times the KKT error, so that the last steps are Newton's.
+const DAMPING_PER_ERROR: f64 = 1e-3;
 const RESTORATIONS: usize = 60;
 
 /// A trial point that was accepted.
@@ -228,6 +230,7 @@ impl Sqp<'_> {
         self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Exact, &mut self.hessian);
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
+        self.damping = self.damping.min(DAMPING_PER_ERROR * error.largest()).max(SMALLEST_DAMPING);
         for attempt in 0..ATTEMPTS {
             let mut damping = self.damping;
             let step = match self.sub_problem(&mut damping) {
@@ -247,10 +250,10 @@ impl Sqp<'_> {
             };
             let leaps = accepted.fraction == 1.0
                 && step.is_settled()
-                && damping <= 1e-5
-                && error.largest() < 0.1
-                && error.largest() > NEAR * self.settings.target;
-            self.leapt = leaps && self.leap(&step, &mut accepted.trial);
+                && damping <= 1e-3
+                && error.largest() < 1.0
+                && error.largest() > self.settings.target;
+            self.leapt = leaps && self.leap(&step, &mut accepted.trial, error);
             if accepted.verdict == Verdict::Progress {
                 self.filter.add(before);
             }
@@ -407,27 +410,38 @@ impl Sqp<'_> {
     }
 
     /// Tries far more than a settled step; see the module. Whether `trial` was moved.
-    fn leap(&mut self, step: &Step, trial: &mut Iterate) -> bool {
+    fn leap(&mut self, step: &Step, trial: &mut Iterate, error: KktError) -> bool {
         trial.equality_multipliers.copy_from_slice(&step.equality_multipliers);
         trial.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
         trial.differentiate(self.problem);
-        let error = trial.kkt_error().largest();
-        for far in LEAPS {
+        let much_less = 0.7 * trial.kkt_error().largest();
+        let no_worse = (trial.objective + 1e-9 * trial.objective.abs(), trial.violation().max(self.settings.tolerance));
+        let mut tried: Vec<(f64, Iterate)> = Vec::new();
+        // With f ~ k/v the error falls as 1/v² and Newton's step is v/2: no further out than it takes.
+        let reach = 2.0 * (error.largest() / self.settings.target).sqrt();
+        for far in LEAPS.map(|share| share * reach.min(LONGEST_LEAP)).map(|far| far.max(1.0)) {
             let mut there = trial.clone();
             there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
             there.evaluate(self.problem);
             there.differentiate(self.problem);
-            for _ in 0..2 {
+            for _ in 0..3 {
                 self.simplified_step(&mut there, &step.active);
             }
-            let no_loss = there.objective <= trial.objective + 1e-9 * trial.objective.abs()
-                && there.violation() <= trial.violation().max(self.settings.tolerance);
-            if no_loss && there.kkt_error().largest() < 0.5 * error {
-                *trial = there;
-                return true;
+            let error = there.kkt_error().largest();
+            if error < much_less && there.objective <= no_worse.0 && there.violation() <= no_worse.1 {
+                tried.push((error, there));
+                if error <= self.settings.target {
+                    break;
+                }
             }
         }
-        false
+        // No further out than it takes: the shortest that does nearly as well as the best.
+        let enough = 2.0 * tried.iter().map(|(error, _)| *error).fold(f64::INFINITY, f64::min);
+        match tried.into_iter().find(|(error, _)| *error <= enough) {
+            Some((_, there)) => *trial = there,
+            None => return false,
+        }
+        true
     }
 
     /// One Newton step on the optimality conditions of `point` with the factorisation at hand.

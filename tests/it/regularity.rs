@@ -25,7 +25,7 @@ fn every_job_of_table_1_converges_and_has_the_predicted_deficiencies() {
         let outcome = sinew::solve::solve(&model, &study.motion, &job.settings, job.points);
         assert_eq!(outcome.job.status, Status::Converged, "{:?}", job.swept);
         for residual in [outcome.job.stationarity, outcome.job.feasibility, outcome.job.complementarity] {
-            assert!(residual.unwrap() <= 1e-9, "{:?}: {residual:?}", job.swept);
+            assert!(residual.unwrap() <= 1e-8, "{:?}: {residual:?}", job.swept);
         }
         let row = outcome.regularity.unwrap();
         assert_eq!(row.prediction_agrees, Some(true), "{:?} {row:?}", job.swept);
