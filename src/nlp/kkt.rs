@@ -14,6 +14,7 @@
 //! the matrix singular; iterative refinement takes it out again. By Sylvester's law the signs of the pivots tell
 //! whether H + δ D is positive definite where the active constraints vanish.
 
+use super::problem::Problem;
 use crate::numerics::sparse::{Pattern, Sparse};
 pub use crate::numerics::staged::Inertia;
 use crate::numerics::staged::StagedLdl;
@@ -73,8 +74,9 @@ impl Rows<'_> {
 }
 
 impl Kkt {
-    /// Analyses the pattern; `hessian` is an upper triangle with full diagonal.
-    pub fn new(hessian: &Sparse, equalities: &Sparse, inequalities: &Sparse, variable_stages: &[usize]) -> Self {
+    /// Analyses the patterns of a problem.
+    pub fn new(problem: &dyn Problem) -> Self {
+        let [equalities, inequalities, hessian] = problem.patterns();
         let n = hessian.columns;
         let (me, mi) = (equalities.rows, inequalities.rows);
         let order = n + me + mi;
@@ -84,14 +86,8 @@ impl Kkt {
         inequalities.entries().for_each(|(i, j, _)| pattern.add(j, n + me + i));
         (0..order).for_each(|i| pattern.add(i, i));
         let matrix = pattern.build();
-        let mut stage = variable_stages.to_vec();
-        stage.resize(order, usize::MAX);
-        for (i, j, _) in equalities.entries() {
-            stage[n + i] = stage[n + i].min(stage[j]);
-        }
-        for (i, j, _) in inequalities.entries() {
-            stage[n + me + i] = stage[n + me + i].min(stage[j]);
-        }
+        let [equality_stages, inequality_stages] = problem.constraint_stages();
+        let stage = [problem.stages(), equality_stages, inequality_stages].concat();
         Self {
             variables: n,
             equalities: me,

@@ -20,8 +20,8 @@ pub fn active(values: &[f64]) -> Vec<bool> {
 ///
 /// `None` if Newton's method on them does not get there.
 pub fn polish(problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f64>> {
-    let [equalities, inequalities, pattern] = problem.patterns();
-    let mut kkt = Kkt::new(pattern, equalities, inequalities, problem.stages());
+    let [_, _, pattern] = problem.patterns();
+    let mut kkt = Kkt::new(problem);
     let mut identity = pattern.clone();
     for column in 0..identity.columns {
         for slot in identity.column_start[column]..identity.column_start[column + 1] {

@@ -25,6 +25,9 @@ pub trait Problem: Sync {
     /// The stage in time of each variable; constraints tie only near stages, which makes the linear algebra linear in time.
     fn stages(&self) -> &[usize];
 
+    /// The stages of the equalities and of the inequalities: where their multipliers are best eliminated.
+    fn constraint_stages(&self) -> [&[usize]; 2];
+
     /// c(x) and d(x).
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]);
 

@@ -144,7 +144,7 @@ struct Sqp<'p> {
 
 /// Solves `problem` from `start`. Deterministic, one thread.
 pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> SqpOutcome {
-    let [equalities, inequalities, pattern] = problem.patterns();
+    let [_, _, pattern] = problem.patterns();
     let mut gauss_newton = pattern.clone();
     let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
     problem.hessian(
@@ -157,7 +157,7 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
     let solver = Sqp {
         problem,
         settings,
-        kkt: Kkt::new(pattern, equalities, inequalities, problem.stages()),
+        kkt: Kkt::new(problem),
         hessian: pattern.clone(),
         convex: pattern.clone(),
         metric: pattern.clone(),

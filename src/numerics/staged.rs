@@ -27,7 +27,7 @@ pub struct Inertia {
     pub negative: usize,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Stage {
     own: Vec<usize>,
     border: Vec<usize>,
@@ -72,14 +72,18 @@ impl StagedLdl {
             met[row] = met[row].min(earliest);
             met[column] = met[column].min(earliest);
         }
-        let mut stages: Vec<Stage> = (0..count)
-            .map(|s| Stage {
-                own: (0..order).filter(|&i| stage[i] == s).collect(),
-                border: (0..order).filter(|&i| stage[i] > s && met[i] <= s).collect(),
-                carry: Vec::new(),
-                entries: Vec::new(),
-            })
-            .collect();
+        // Unknowns with few neighbours first: they fill in least.
+        let mut degree = vec![0; order];
+        for (row, column, _) in matrix.entries() {
+            degree[row] += 1;
+            degree[column] += 1;
+        }
+        let mut stages = vec![Stage::default(); count];
+        for i in 0..order {
+            stages[stage[i]].own.push(i);
+            stages[met[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
+        }
+        stages.iter_mut().for_each(|s| s.own.sort_by_key(|&i| degree[i]));
         let mut place = vec![usize::MAX; order];
         let mut by_stage = vec![Vec::new(); count];
         for (row, column, slot) in matrix.entries() {
@@ -114,6 +118,8 @@ impl StagedLdl {
         let mut index: Vec<usize> = Vec::new();
         let mut place: Vec<usize> = Vec::new();
         let mut coupled: Vec<bool> = Vec::new();
+        let mut columns: Vec<usize> = Vec::new();
+        let mut target: Vec<usize> = Vec::new();
         let last = self.stages.len().saturating_sub(1);
         for s in 0..self.stages.len() {
             let stage = &self.stages[s];
@@ -145,19 +151,22 @@ impl StagedLdl {
             self.front.resize(n * n, 0.0);
             let front = &mut self.front;
             let to = |k: usize| if k < nd { k } else { place[stage.carry[k - nd]] };
+            target.clear();
+            target.extend((0..old).map(to));
             for i in 0..old {
-                for j in i..old {
-                    let (row, column) = (to(i).min(to(j)), to(i).max(to(j)));
-                    front[row * n + column] = self.carried[i * old + j];
-                }
+                let row = &mut front[target[i] * n..(target[i] + 1) * n];
+                target.iter().zip(&self.carried[i * old..(i + 1) * old]).for_each(|(&j, value)| row[j] = *value);
             }
             for &(i, j, slot) in &stage.entries {
-                let (row, column) = (place[i].min(place[j]), place[i].max(place[j]));
-                if row == usize::MAX {
+                let (row, column) = (place[i], place[j]);
+                if row == usize::MAX && row == column {
                     let inverse = [1.0 / values[slot], 0.0, 0.0];
                     self.pivots.push(Pivot { first: stage.own[i], second: None, inverse, end: self.rows.len() });
-                } else if column != usize::MAX {
+                } else if row != usize::MAX && column != usize::MAX {
                     front[row * n + column] += values[slot];
+                    if row != column {
+                        front[column * n + row] += values[slot];
+                    }
                 }
             }
             let mut k = 0;
@@ -175,12 +184,12 @@ impl StagedLdl {
                 let (store, pivots) = ((&mut self.rows, &mut self.multipliers), &mut self.pivots);
                 match partner {
                     None => {
-                        eliminate_one(front, n, k, &index, store, pivots);
+                        eliminate_one(front, n, k, &index, store, pivots, &mut columns);
                         k += 1;
                     }
                     Some(r) => {
                         swap(front, &mut index, n, k + 1, if r == k { c } else { r });
-                        eliminate_two(front, n, k, &index, store, pivots);
+                        eliminate_two(front, n, k, &index, store, pivots, &mut columns);
                         k += 2;
                     }
                 }
@@ -247,39 +256,48 @@ impl StagedLdl {
     }
 }
 
-/// Entry (i, j) of the front, of which the upper triangle is kept.
-fn entry(front: &[f64], n: usize, i: usize, j: usize) -> f64 {
-    front[i.min(j) * n + i.max(j)]
+/// Largest magnitude, eight at a time.
+fn largest_of(values: &[f64]) -> f64 {
+    let mut lanes = [0.0f64; 8];
+    let (chunks, rest) = values.as_chunks::<8>();
+    for chunk in chunks {
+        for (lane, v) in lanes.iter_mut().zip(chunk) {
+            *lane = if v.abs() > *lane { v.abs() } else { *lane };
+        }
+    }
+    lanes.iter().chain(rest).fold(0.0, |a, v| if v.abs() > a { v.abs() } else { a })
 }
 
-/// Largest entry of row `c` among columns k … n but `c` and `but`; and, if among k … summed, where.
-fn largest(front: &[f64], n: usize, k: usize, summed: usize, c: usize, but: usize) -> (f64, Option<usize>) {
-    let (mut size, mut partner, mut partner_size) = (0.0f64, None, 0.0f64);
-    let mut see = |j: usize, value: f64| {
-        if j != but {
-            size = size.max(value.abs());
-            if j < summed && value.abs() > partner_size {
-                (partner, partner_size) = (Some(j), value.abs());
-            }
+/// Largest entry of row `c` among columns k … n but `c` and `but`.
+fn largest(front: &[f64], n: usize, k: usize, c: usize, but: usize) -> f64 {
+    let row = &front[c * n..(c + 1) * n];
+    let (first, second) = (c.min(but), c.max(but));
+    let span = |from: usize, to: usize| largest_of(&row[from.min(to)..to]);
+    span(k, first).max(span((first + 1).max(k), second)).max(span((second + 1).max(k), n))
+}
+
+/// The column among k … summed but `c` where row `c` is largest.
+fn partner(front: &[f64], n: usize, k: usize, summed: usize, c: usize) -> Option<usize> {
+    let row = &front[c * n..(c + 1) * n];
+    let (mut best, mut size) = (None, 0.0);
+    for j in (k..c).chain(c + 1..summed) {
+        if row[j].abs() > size {
+            (best, size) = (Some(j), row[j].abs());
         }
-    };
-    (k..c).for_each(|j| see(j, front[j * n + c]));
-    front[c * n + c + 1..(c + 1) * n].iter().enumerate().for_each(|(offset, &value)| see(c + 1 + offset, value));
-    (size, partner)
+    }
+    best
 }
 
 /// The next acceptable pivot among rows k … summed: one row, or two.
 fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize, Option<usize>)> {
     for c in k..summed {
-        let (size, partner) = largest(front, n, k, summed, c, c);
         let a = front[c * n + c];
-        if a != 0.0 && a.abs() >= THRESHOLD * size {
+        if a != 0.0 && a.abs() >= THRESHOLD * largest(front, n, k, c, c) {
             return Some((c, None));
         }
-        let Some(r) = partner else { continue };
-        let (rest_c, _) = largest(front, n, k, summed, c, r);
-        let (rest_r, _) = largest(front, n, k, summed, r, c);
-        let (b, d) = (entry(front, n, c, r), front[r * n + r]);
+        let Some(r) = partner(front, n, k, summed, c) else { continue };
+        let (rest_c, rest_r) = (largest(front, n, k, c, r), largest(front, n, k, r, c));
+        let (b, d) = (front[c * n + r], front[r * n + r]);
         let determinant = (a * d - b * b).abs();
         let growth = (d.abs() * rest_c + b.abs() * rest_r).max(b.abs() * rest_c + a.abs() * rest_r);
         if determinant > 0.0 && growth * THRESHOLD <= determinant {
@@ -295,48 +313,82 @@ fn swap(front: &mut [f64], index: &mut [usize], n: usize, i: usize, j: usize) {
         return;
     }
     index.swap(i, j);
-    (0..i).for_each(|r| front.swap(r * n + i, r * n + j));
-    front.swap(i * n + i, j * n + j);
-    (i + 1..j).for_each(|r| front.swap(i * n + r, r * n + j));
-    (j + 1..n).for_each(|c| front.swap(i * n + c, j * n + c));
+    let (head, tail) = front.split_at_mut(j * n);
+    head[i * n..(i + 1) * n].swap_with_slice(&mut tail[..n]);
+    front.chunks_exact_mut(n).for_each(|row| row.swap(i, j));
 }
 
 type Store<'a> = (&'a mut Vec<usize>, &'a mut Vec<[f64; 2]>);
 
-fn eliminate_one(front: &mut [f64], n: usize, k: usize, index: &[usize], store: Store<'_>, pivots: &mut Vec<Pivot>) {
+/// Columns after `k` in which a pivot row is not zero. Few of them: rows and columns are skipped, not multiplied by zero.
+fn nonzero<'c>(columns: &'c mut Vec<usize>, from: usize, is: impl Fn(usize) -> bool, n: usize) -> &'c [usize] {
+    columns.clear();
+    columns.extend((from..n).filter(|&j| is(j)));
+    columns
+}
+
+fn eliminate_one(
+    front: &mut [f64],
+    n: usize,
+    k: usize,
+    index: &[usize],
+    store: Store<'_>,
+    pivots: &mut Vec<Pivot>,
+    columns: &mut Vec<usize>,
+) {
     let (rows, multipliers) = store;
     let d = front[k * n + k];
     // A zero pivot in a zero column: the unknown is left at zero.
     let inverse = if d == 0.0 { 0.0 } else { 1.0 / d };
     let (head, tail) = front.split_at_mut((k + 1) * n);
     let pivot_row = &head[k * n..];
-    for (offset, row) in tail.chunks_exact_mut(n).enumerate() {
-        let i = k + 1 + offset;
+    let columns = nonzero(columns, k + 1, |j| pivot_row[j] != 0.0, n);
+    let sparse = 3 * columns.len() < n - k;
+    for &i in columns {
         let l = pivot_row[i] * inverse;
-        if l != 0.0 {
-            rows.push(index[i]);
-            multipliers.push([l, 0.0]);
-            row[i..].iter_mut().zip(&pivot_row[i..]).for_each(|(x, p)| *x -= l * p);
+        if l == 0.0 {
+            continue;
+        }
+        rows.push(index[i]);
+        multipliers.push([l, 0.0]);
+        let row = &mut tail[(i - k - 1) * n..(i - k) * n];
+        if sparse {
+            columns.iter().for_each(|&j| row[j] -= l * pivot_row[j]);
+        } else {
+            row[k + 1..].iter_mut().zip(&pivot_row[k + 1..]).for_each(|(x, p)| *x -= l * p);
         }
     }
     pivots.push(Pivot { first: index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
 }
 
-fn eliminate_two(front: &mut [f64], n: usize, k: usize, index: &[usize], store: Store<'_>, pivots: &mut Vec<Pivot>) {
+fn eliminate_two(
+    front: &mut [f64],
+    n: usize,
+    k: usize,
+    index: &[usize],
+    store: Store<'_>,
+    pivots: &mut Vec<Pivot>,
+    columns: &mut Vec<usize>,
+) {
     let (rows, multipliers) = store;
     let (a, b, d) = (front[k * n + k], front[k * n + k + 1], front[(k + 1) * n + k + 1]);
     let determinant = a * d - b * b;
     let inverse = [d / determinant, -b / determinant, a / determinant];
     let (head, tail) = front.split_at_mut((k + 2) * n);
     let (first, second) = head[k * n..].split_at(n);
-    for (offset, row) in tail.chunks_exact_mut(n).enumerate() {
-        let i = k + 2 + offset;
+    let columns = nonzero(columns, k + 2, |j| first[j] != 0.0 || second[j] != 0.0, n);
+    let sparse = 3 * columns.len() < n - k;
+    for &i in columns {
         let (x, y) = (first[i], second[i]);
-        if x != 0.0 || y != 0.0 {
-            let (l, m) = (inverse[0] * x + inverse[1] * y, inverse[1] * x + inverse[2] * y);
-            rows.push(index[i]);
-            multipliers.push([l, m]);
-            row[i..].iter_mut().zip(first[i..].iter().zip(&second[i..])).for_each(|(z, (p, q))| *z -= l * p + m * q);
+        let (l, m) = (inverse[0] * x + inverse[1] * y, inverse[1] * x + inverse[2] * y);
+        rows.push(index[i]);
+        multipliers.push([l, m]);
+        let row = &mut tail[(i - k - 2) * n..(i - k - 1) * n];
+        if sparse {
+            columns.iter().for_each(|&j| row[j] -= l * first[j] + m * second[j]);
+        } else {
+            let pivot_rows = first[k + 2..].iter().zip(&second[k + 2..]);
+            row[k + 2..].iter_mut().zip(pivot_rows).for_each(|(z, (p, q))| *z -= l * p + m * q);
         }
     }
     pivots.push(Pivot { first: index[k], second: Some(index[k + 1]), inverse, end: rows.len() });

@@ -81,6 +81,8 @@ pub struct Collocation<'m> {
     /// First equality and first inequality of each point, and the numbers of both.
     row_starts: Vec<usize>,
     bound_starts: Vec<usize>,
+    equality_stages: Vec<usize>,
+    inequality_stages: Vec<usize>,
     residual_jacobian: Sparse,
     residual_data: Vec<f64>,
     equality_pattern: Sparse,
@@ -237,6 +239,20 @@ impl<'m> Collocation<'m> {
             })
             .collect();
 
+        // A point's multipliers go with its own unknowns: excitations and reactions where it has them.
+        let stage_of = |combination: &Combination| combination.iter().map(|&(i, _)| layout.stages[i]).min();
+        let stage_of_point = |point: &Point| {
+            let own = if point.complete { EXCITATION + instant.muscle(0) } else { 0 };
+            let stage = if instant.model.muscles.is_empty() { None } else { stage_of(&point.map[own]) };
+            stage.or_else(|| stage_of(&point.map[0])).unwrap_or(0)
+        };
+        let point_stages: Vec<usize> = layout.points.iter().map(stage_of_point).collect();
+        let mut equality_stages: Vec<usize> = layout.linear.iter().map(|row| stage_of(row).unwrap_or(0)).collect();
+        for (point, stage) in layout.points.iter().zip(&point_stages) {
+            equality_stages.extend(std::iter::repeat_n(*stage, point.rows.len()));
+        }
+        let inequality_stages = bounds.iter().map(|bound| point_stages[bound.point]).collect();
+
         let mut units = vec![1.0; n];
         let weight = instant.model.weight();
         for Point { map, .. } in &layout.points {
@@ -250,6 +266,8 @@ impl<'m> Collocation<'m> {
             bounds,
             row_starts,
             bound_starts,
+            equality_stages,
+            inequality_stages,
             residual_jacobian,
             residual_data,
             equality_pattern,
@@ -297,6 +315,10 @@ impl Problem for Collocation<'_> {
 
     fn stages(&self) -> &[usize] {
         &self.layout.stages
+    }
+
+    fn constraint_stages(&self) -> [&[usize]; 2] {
+        [&self.equality_stages, &self.inequality_stages]
     }
 
     fn residual_jacobian(&self) -> &Sparse {
