@@ -10,7 +10,7 @@ use crate::model::Model;
 use crate::motion::{Measurement, MotionSettings, MotionTable};
 use crate::nlp::iterate::Iterate;
 use crate::nlp::polish::{ACTIVE, active, polish};
-use crate::nlp::regularity;
+use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus};
 use crate::outcome::{IterationRow, JobRow, MatrixRank, Outcome, RegularityRow, SpectrumRow, Status};
 use crate::solution::{self, Solution};
@@ -313,16 +313,15 @@ fn active_rows(problem: &Collocation<'_>, iterate: &Iterate) -> (Vec<usize>, Vec
 
 fn iteration_rows(problem: &Collocation<'_>, run: &SqpOutcome, ranks: bool) -> Vec<IterationRow> {
     let solution = &run.iterate.x;
+    let mut counter = ranks.then(|| RankCounter::new(problem));
     run.trace
         .iter()
         .enumerate()
         .map(|(iteration, record)| {
-            let deficiencies = ranks
-                .then(|| {
-                    let iterate = Iterate::new(problem, record.x.clone());
-                    regularity::deficiencies(problem, &iterate, &active_rows(problem, &iterate).0)
-                })
-                .flatten();
+            let deficiencies = counter.as_mut().and_then(|counter| {
+                let iterate = Iterate::new(problem, record.x.clone());
+                counter.deficiencies(&iterate, &active_rows(problem, &iterate).0)
+            });
             let distance = record.x.iter().zip(solution).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
             IterationRow {
                 iteration: iteration as i64,
@@ -353,16 +352,16 @@ fn regularity_rows(
     } else {
         let mut all = bounds.clone();
         all.extend(&force);
-        regularity::deficiencies(problem, point, &all)?
+        RankCounter::new(problem).deficiencies(point, &all)?
     };
     let predicted = predict(problem, &point.x, &bounds, setting);
-    let row = |spectrum: &regularity::Spectrum, size: usize, predicted: Option<usize>| MatrixRank {
-        size: size as i64,
-        rank: spectrum.rank.rank as i64,
+    let row = |spectrum: &regularity::Spectrum, predicted: Option<usize>| MatrixRank {
+        size: (spectrum.rank + spectrum.deficiency) as i64,
+        rank: spectrum.rank as i64,
         deficiency: spectrum.deficiency as i64,
         predicted: predicted.map(|p| p as i64),
-        tolerance: spectrum.rank.tolerance,
-        sigma_max: spectrum.sigma_max(),
+        tolerance: spectrum.tolerance,
+        sigma_max: spectrum.sigma_max,
         sigma_last_kept: spectrum.last_kept(),
         sigma_first_dropped: spectrum.first_dropped(),
     };
@@ -372,7 +371,7 @@ fn regularity_rows(
     let spectrum = [("a", &found.a), ("aj", &found.aj)]
         .into_iter()
         .flat_map(|(matrix, spectrum)| {
-            spectrum.around_cut().map(move |(index, value)| SpectrumRow {
+            spectrum.around_cut.iter().map(move |&(index, value)| SpectrumRow {
                 matrix: matrix.to_owned(),
                 index: index as i64,
                 value,
@@ -380,8 +379,8 @@ fn regularity_rows(
         })
         .collect();
     let regularity = RegularityRow {
-        a: row(&found.a, found.a.rank.rows, predicted.a),
-        aj: row(&found.aj, found.aj.rank.columns, predicted.aj),
+        a: row(&found.a, predicted.a),
+        aj: row(&found.aj, predicted.aj),
         deficiency_a_with_force: Some(with_force.0 as i64),
         deficiency_aj_with_force: Some(with_force.1 as i64),
         ambiguous: found.a.is_ambiguous() || found.aj.is_ambiguous(),

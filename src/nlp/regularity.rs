@@ -9,81 +9,130 @@
 //! Both are taken in the scaling that the problem is solved in: reactions and eq. (1) in total weights, eq. (3) in tendon
 //! strain, eq. (4) times τ, Φ in m and rad; rows are not scaled otherwise. The thesis prints deficiencies as negative
 //! numbers; here they are counts.
+//!
+//! Two ways to the same numbers: a dense singular value decomposition for small problems, and pivots counted stage by stage in time
+//! ([`StagedSpectrum`]), linear in the number of points, for large ones and at every iterate.
 
 use faer::Mat;
+use rand::{RngExt, SeedableRng};
 
 use super::iterate::Iterate;
 use super::problem::Problem;
 use crate::numerics::rank::{self, Rank};
-use crate::numerics::sparse::Sparse;
+use crate::numerics::sparse::{Pattern, Sparse};
+use crate::numerics::spectrum::StagedSpectrum;
 
-/// Singular values this close to the cut, on either side, are kept.
+/// Singular values this close to the cut, on either side, are kept: of the dense decomposition, and of the counted one.
 const AROUND_CUT: usize = 6;
+const AROUND_CUT_COUNTED: usize = 1;
 /// Between these fractions of σ_max a singular value is neither clearly zero nor clearly not.
 const AMBIGUOUS: (f64, f64) = (1e-15, 1e-9);
+/// Up to so many unknowns the dense decomposition is taken.
+pub const DENSE_UNKNOWNS: usize = 700;
+/// Counted singular values are known to this relative precision.
+const PRECISION: f64 = 1e-2;
+/// Random null directions looked at where all would be too many.
+const SAMPLED_DIRECTIONS: u64 = 3;
 
-/// Rank of one of the two matrices, and its spectrum.
+/// Rank of one of the two matrices, and its spectrum near the cut.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spectrum {
-    pub rank: Rank,
+    pub rank: usize,
     /// rows − rank for A, columns − rank for [A; J].
     pub deficiency: usize,
+    pub tolerance: f64,
+    pub sigma_max: Option<f64>,
+    /// (index from 0, value) of singular values around the cut, largest first.
+    pub around_cut: Vec<(usize, f64)>,
+    /// Numbers of singular values above the two ends of the ambiguous band, upper end first.
+    above_band: (usize, usize),
 }
 
 impl Spectrum {
-    pub fn sigma_max(&self) -> Option<f64> {
-        self.rank.singular_values.first().copied()
+    fn dense(rank: &Rank, full: usize) -> Self {
+        let values = &rank.singular_values;
+        let largest = values.first().copied().unwrap_or(0.0);
+        let above = |cut: f64| values.iter().filter(|&&s| s > cut * largest).count();
+        let near = |i: usize| i + AROUND_CUT >= rank.rank && i < rank.rank + AROUND_CUT;
+        Self {
+            rank: rank.rank,
+            deficiency: full - rank.rank,
+            tolerance: rank.tolerance,
+            sigma_max: values.first().copied(),
+            around_cut: values.iter().copied().enumerate().filter(|&(i, _)| near(i)).collect(),
+            above_band: (above(AMBIGUOUS.1), above(AMBIGUOUS.0)),
+        }
+    }
+
+    fn counted(matrix: &mut StagedSpectrum, rows: usize, columns: usize, full: usize) -> Option<Self> {
+        let sigma_max = matrix.sigma_max();
+        let tolerance = rank::tolerance(rows, columns, sigma_max);
+        let rank = matrix.count_above(tolerance)?;
+        let (high, low) = (matrix.count_above(AMBIGUOUS.1 * sigma_max)?, matrix.count_above(AMBIGUOUS.0 * sigma_max)?);
+        let mut around_cut = Vec::new();
+        for index in rank.saturating_sub(AROUND_CUT_COUNTED)..(rank + AROUND_CUT_COUNTED).min(rows.min(columns)) {
+            let (low, high) =
+                if index < rank { (tolerance, 1.01 * sigma_max) } else { (1e-18 * sigma_max, tolerance) };
+            around_cut.push((index, matrix.value(index, low, high, PRECISION)?));
+        }
+        Some(Self {
+            rank,
+            deficiency: full - rank,
+            tolerance,
+            sigma_max: Some(sigma_max),
+            around_cut,
+            above_band: (high, low),
+        })
     }
 
     pub fn last_kept(&self) -> Option<f64> {
-        self.rank.rank.checked_sub(1).and_then(|i| self.rank.singular_values.get(i)).copied()
+        self.around_cut.iter().rev().find(|(i, _)| *i < self.rank).map(|(_, value)| *value)
     }
 
     pub fn first_dropped(&self) -> Option<f64> {
-        self.rank.singular_values.get(self.rank.rank).copied()
-    }
-
-    /// (index from 0, value) of the singular values around the cut.
-    pub fn around_cut(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let cut = self.rank.rank;
-        let values = self.rank.singular_values.iter().copied().enumerate();
-        values.filter(move |&(i, _)| i + AROUND_CUT >= cut && i < cut + AROUND_CUT)
+        self.around_cut.iter().find(|(i, _)| *i >= self.rank).map(|(_, value)| *value)
     }
 
     /// Whether some σ/σ_max lies between 1e-15 and 1e-9.
     pub fn is_ambiguous(&self) -> bool {
-        let Some(largest) = self.sigma_max() else { return false };
-        self.rank.singular_values.iter().any(|s| (AMBIGUOUS.0..=AMBIGUOUS.1).contains(&(s / largest)))
+        self.above_band.0 != self.above_band.1
     }
 
     /// Whether a cut somewhere within the ambiguous band gives this deficiency.
     pub fn could_be(&self, deficiency: usize) -> bool {
-        let Some(largest) = self.sigma_max() else { return deficiency == self.deficiency };
-        let above = |cut: f64| self.rank.singular_values.iter().filter(|&&s| s > cut * largest).count();
-        let full = self.deficiency + self.rank.rank;
-        (above(AMBIGUOUS.1)..=above(AMBIGUOUS.0)).any(|rank| full.checked_sub(rank) == Some(deficiency))
+        let full = self.deficiency + self.rank;
+        (self.above_band.0..=self.above_band.1).any(|rank| full.checked_sub(rank) == Some(deficiency))
     }
 }
 
 /// Both ranks at one point.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Regularity {
     pub a: Spectrum,
     pub aj: Spectrum,
-    /// Orthonormal directions that change neither constraints nor residuals to first order (n each).
+    /// Directions of length 1 that change neither constraints nor residuals to first order (n each): all of them, orthonormal, for small
+    /// problems; random ones for large.
     pub null_directions: Vec<Vec<f64>>,
 }
 
-/// The ranks at `iterate` by singular values, with the inequality rows `active`. `None` if not finite.
+/// The ranks at `iterate` with the inequality rows `active`: dense up to [`DENSE_UNKNOWNS`], else counted. `None` if not finite.
 pub fn analyse(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
+    if iterate.x.len() <= DENSE_UNKNOWNS {
+        analyse_dense(problem, iterate, active)
+    } else {
+        RankCounter::new(problem).analyse(iterate, active)
+    }
+}
+
+/// The ranks by singular value decomposition.
+pub fn analyse_dense(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
     let a = stack(iterate, active, None);
     let mut aj = stack(iterate, active, Some(problem.residual_jacobian()));
     let n = iterate.x.len();
     let rank_a = rank::by_svd(&a)?;
     let rank_aj = rank::by_svd(&aj)?;
-    let deficiency = n - rank_aj.rank;
     let mut null_directions = Vec::new();
-    if deficiency > 0 {
+    if rank_aj.rank < n {
         if aj.nrows() < n {
             aj.resize_with(n, n, |_, _| 0.0);
         }
@@ -92,14 +141,114 @@ pub fn analyse(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Op
         null_directions = (rank_aj.rank..n).map(|k| (0..n).map(|i| v[(i, k)]).collect()).collect();
     }
     Some(Regularity {
-        a: Spectrum { deficiency: a.nrows() - rank_a.rank, rank: rank_a },
-        aj: Spectrum { deficiency, rank: rank_aj },
+        a: Spectrum::dense(&rank_a, a.nrows()),
+        aj: Spectrum::dense(&rank_aj, n),
         null_directions,
     })
 }
 
-/// The two deficiencies by pivoted QR: several times cheaper, and an independent check.
-pub fn deficiencies(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<(usize, usize)> {
+/// Counts both ranks of one problem at any of its points; symbolic work once.
+pub struct RankCounter {
+    equalities: usize,
+    /// All equalities and inequalities, those not active left at zero; and J below.
+    stacked: [Sparse; 2],
+    /// Slots in both of each entry of the equality and of the inequality Jacobian.
+    equality_slots: [Vec<usize>; 2],
+    inequality_slots: [Vec<usize>; 2],
+    spectra: [StagedSpectrum; 2],
+}
+
+impl RankCounter {
+    pub fn new(problem: &dyn Problem) -> Self {
+        let [equalities, inequalities, _] = problem.patterns();
+        let residuals = problem.residual_jacobian();
+        let (n, rows_a) = (equalities.columns, equalities.rows + inequalities.rows);
+        let [equality_stages, inequality_stages] = problem.constraint_stages();
+        let mut residual_stages = vec![0; residuals.rows];
+        for (row, column, _) in residuals.entries() {
+            residual_stages[row] = residual_stages[row].max(problem.stages()[column]);
+        }
+        let parts = [false, true].map(|with_residuals| {
+            let mut pattern = Pattern::new(rows_a + if with_residuals { residuals.rows } else { 0 }, n);
+            equalities.entries().for_each(|(i, j, _)| pattern.add(i, j));
+            inequalities.entries().for_each(|(i, j, _)| pattern.add(equalities.rows + i, j));
+            let mut stages = [equality_stages, inequality_stages].concat();
+            if with_residuals {
+                residuals.entries().for_each(|(i, j, _)| pattern.add(rows_a + i, j));
+                stages.extend(&residual_stages);
+            }
+            let mut matrix = pattern.build();
+            if with_residuals {
+                for (i, j, slot) in residuals.entries() {
+                    matrix.values[pattern.slot(rows_a + i, j)] = residuals.values[slot];
+                }
+            }
+            let equality_slots: Vec<usize> = equalities.entries().map(|(i, j, _)| pattern.slot(i, j)).collect();
+            let inequality_slots: Vec<usize> =
+                inequalities.entries().map(|(i, j, _)| pattern.slot(equalities.rows + i, j)).collect();
+            let spectrum = StagedSpectrum::new(&matrix, &stages, problem.stages());
+            (matrix, equality_slots, inequality_slots, spectrum)
+        });
+        let [(a, ea, ia, sa), (aj, eaj, iaj, saj)] = parts;
+        Self {
+            equalities: equalities.rows,
+            stacked: [a, aj],
+            equality_slots: [ea, eaj],
+            inequality_slots: [ia, iaj],
+            spectra: [sa, saj],
+        }
+    }
+
+    fn set(&mut self, iterate: &Iterate, active: &[usize]) {
+        let mut is_active = vec![false; iterate.inequality_jacobian.rows];
+        active.iter().for_each(|&row| is_active[row] = true);
+        for part in 0..2 {
+            let matrix = &mut self.stacked[part];
+            let equalities = &iterate.equality_jacobian.values;
+            self.equality_slots[part].iter().zip(equalities).for_each(|(&slot, value)| matrix.values[slot] = *value);
+            let entries = iterate.inequality_jacobian.entries().zip(&self.inequality_slots[part]);
+            for ((row, _, from), &slot) in entries {
+                matrix.values[slot] = if is_active[row] { iterate.inequality_jacobian.values[from] } else { 0.0 };
+            }
+            self.spectra[part].set(matrix);
+        }
+    }
+
+    /// (rows of A, rows of [A; J], columns) with so many active inequalities.
+    fn sizes(&self, active: usize) -> (usize, usize, usize) {
+        let residuals = self.stacked[1].rows - self.stacked[0].rows;
+        (self.equalities + active, self.equalities + active + residuals, self.stacked[0].columns)
+    }
+
+    /// The two deficiencies, of A and of [A; J]. `None` if not finite.
+    pub fn deficiencies(&mut self, iterate: &Iterate, active: &[usize]) -> Option<(usize, usize)> {
+        self.set(iterate, active);
+        let (rows_a, rows_aj, n) = self.sizes(active.len());
+        let [a, aj] = &mut self.spectra;
+        let rank_a = a.count_above(rank::tolerance(rows_a, n, a.sigma_max()))?;
+        let rank_aj = aj.count_above(rank::tolerance(rows_aj, n, aj.sigma_max()))?;
+        Some((rows_a - rank_a, n - rank_aj))
+    }
+
+    /// Ranks and the spectra near the cuts.
+    pub fn analyse(&mut self, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
+        self.set(iterate, active);
+        let (rows_a, rows_aj, n) = self.sizes(active.len());
+        let [a, aj] = &mut self.spectra;
+        let a = Spectrum::counted(a, rows_a, n, rows_a)?;
+        let spectrum = Spectrum::counted(aj, rows_aj, n, n)?;
+        let mut null_directions = Vec::new();
+        for k in 0..if spectrum.deficiency > 0 { SAMPLED_DIRECTIONS } else { 0 } {
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(k);
+            let start: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+            null_directions.extend(aj.null_vector(&start, spectrum.tolerance));
+        }
+        Some(Regularity { a, aj: spectrum, null_directions })
+    }
+}
+
+/// The two deficiencies by pivoted QR: an independent check.
+pub fn deficiencies_by_qr(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<(usize, usize)> {
     let a = stack(iterate, active, None);
     let aj = stack(iterate, active, Some(problem.residual_jacobian()));
     Some((a.nrows() - rank::by_pivoted_qr(&a)?, iterate.x.len() - rank::by_pivoted_qr(&aj)?))

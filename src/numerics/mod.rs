@@ -6,6 +6,7 @@ pub mod bspline;
 pub mod cubic;
 pub mod rank;
 pub mod sparse;
+pub mod spectrum;
 pub mod staged;
 
 /// The larger, and NaN if either is.

@@ -207,6 +207,9 @@ impl Default for Settings {
     }
 }
 
+/// A mistyped h should not ask for all memory.
+const MOST_POINTS: usize = 100_001;
+
 /// The names of plain settings, for messages.
 pub const NAMES: &[&str] = &[
     "mu",
@@ -343,19 +346,10 @@ impl Settings {
             ));
         }
         let points = whole as usize + 1;
-        let most = match self.regularity {
-            RegularityMode::EveryIteration => 101,
-            RegularityMode::Optimum => 201,
-            RegularityMode::Off => 100_001,
-        };
-        if points > most {
+        if points > MOST_POINTS {
             return Err(Complaint::new(
-                format!(
-                    "h = {} s gives {points} points; with regularity = \"{}\" {most} are the most",
-                    self.h,
-                    self.regularity.name()
-                ),
-                "ranks are taken of dense matrices: set regularity = \"optimum\" (up to 201 points) or \"off\", or a larger h",
+                format!("h = {} s gives {points} points; {MOST_POINTS} are the most", self.h),
+                "choose a larger h",
             ));
         }
         Ok(points)

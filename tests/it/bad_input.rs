@@ -62,7 +62,7 @@ fn mistakes() -> Vec<Mistake> {
             "muscle.triceps.tendon_slack_length_scale = [",
             &["sweep.grid.muscle", "quote the whole name"],
         ),
-        study("too many points for dense ranks", "h = 0.2", "h = 0.002", &["base.h", "501 points", "or \"off\""]),
+        study("far too many points", "h = 0.2", "h = 0.000001", &["base.h", "1000001 points", "larger h"]),
         study("no such model", "arm.toml", "amr.toml", &["study.toml:3", "does not exist", "arm.toml"]),
         study("broken TOML", "[base]", "[base", &["study.toml:5"]),
         study(

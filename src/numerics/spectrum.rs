@@ -1,0 +1,177 @@
+//! Singular values of a sparse matrix whose columns come in stages (time), counted without a dense factorisation: work and
+//! memory linear in the number of stages.
+//!
+//! The eigenvalues of the symmetric matrix
+//!
+//! ```text
+//!     ⎡ 0  Mᵀ ⎤
+//!     ⎣ M  0  ⎦
+//! ```
+//!
+//! are ±σ_i and zeros, so that the number of singular values above s > 0 is the number of positive pivots of its L D Lᵀ with −s on the
+//! diagonal (Sylvester's law; [`StagedLdl`]). Nothing is squared: values down to about 1e-15 of the largest are told apart, as by a dense
+//! decomposition. Inverse iteration on the same factors gives vectors of the null space.
+
+use super::sparse::{Pattern, Sparse};
+use super::staged::StagedLdl;
+
+/// One matrix (rows × columns) and its symbolic factorisation.
+#[derive(Clone, Debug)]
+pub struct StagedSpectrum {
+    rows: usize,
+    columns: usize,
+    matrix: Sparse,
+    /// For each entry of M in storage order, its slot in `matrix`.
+    slots: Vec<usize>,
+    diagonal: Vec<usize>,
+    factors: StagedLdl,
+    sigma_max: f64,
+}
+
+impl StagedSpectrum {
+    /// Analyses the pattern of `m`; `row_stages` and `column_stages` count from 0.
+    pub fn new(m: &Sparse, row_stages: &[usize], column_stages: &[usize]) -> Self {
+        let (rows, columns) = (m.rows, m.columns);
+        let order = rows + columns;
+        let mut pattern = Pattern::new(order, order);
+        m.entries().for_each(|(i, j, _)| pattern.add(j, columns + i));
+        (0..order).for_each(|i| pattern.add(i, i));
+        let matrix = pattern.build();
+        let stages = [column_stages, row_stages].concat();
+        Self {
+            rows,
+            columns,
+            slots: m.entries().map(|(i, j, _)| pattern.slot(j, columns + i)).collect(),
+            diagonal: (0..order).map(|i| pattern.slot(i, i)).collect(),
+            factors: StagedLdl::new(&matrix, &stages),
+            matrix,
+            sigma_max: 0.0,
+        }
+    }
+
+    /// Takes the values of a matrix with the analysed pattern. Rows left at zero do not count.
+    pub fn set(&mut self, m: &Sparse) {
+        m.values.iter().zip(&self.slots).for_each(|(value, &slot)| self.matrix.values[slot] = *value);
+        self.sigma_max = self.largest(m);
+    }
+
+    /// σ_max, by power iteration on MᵀM (to about 1e-6).
+    pub fn sigma_max(&self) -> f64 {
+        self.sigma_max
+    }
+
+    fn largest(&self, m: &Sparse) -> f64 {
+        // A start with a part along every coordinate.
+        let mut x: Vec<f64> = (0..self.columns).map(|i| 1.0 + 0.5 * (i as f64 * 0.7).sin()).collect();
+        let mut y = vec![0.0; self.rows];
+        let mut sigma = 0.0;
+        for _ in 0..POWER_ITERATIONS {
+            let norm = x.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if norm == 0.0 {
+                return 0.0;
+            }
+            x.iter_mut().for_each(|v| *v /= norm);
+            y.fill(0.0);
+            m.add_product(1.0, &x, &mut y);
+            x.fill(0.0);
+            m.add_transpose_product(1.0, &y, &mut x);
+            let next = y.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let settled = (next - sigma).abs() <= 1e-7 * next;
+            sigma = next;
+            if settled {
+                break;
+            }
+        }
+        sigma
+    }
+
+    /// Number of singular values above `s` > 0. `None` if a value is not finite.
+    pub fn count_above(&mut self, s: f64) -> Option<usize> {
+        self.diagonal.iter().for_each(|&slot| self.matrix.values[slot] = -s);
+        Some(self.factors.factorise(&self.matrix.values)?.positive)
+    }
+
+    /// The singular value with `index` (0 the largest), between `low` and `high`, to a relative `precision`.
+    pub fn value(&mut self, index: usize, low: f64, high: f64, precision: f64) -> Option<f64> {
+        let (mut low, mut high) = (low, high);
+        while high > low * (1.0 + precision) {
+            let middle = (low * high).sqrt();
+            if self.count_above(middle)? > index { low = middle } else { high = middle }
+        }
+        Some((low * high).sqrt())
+    }
+
+    /// A vector of length 1 in the span of the right singular vectors with σ below `cut`, from a start vector; random starts give
+    /// random vectors of that space. `None` where there are none.
+    pub fn null_vector(&mut self, start: &[f64], cut: f64) -> Option<Vec<f64>> {
+        self.count_above(cut)?;
+        let mut x = start.to_vec();
+        x.resize(self.rows + self.columns, 0.0);
+        for _ in 0..INVERSE_ITERATIONS {
+            self.factors.solve(&mut x);
+            x[self.columns..].fill(0.0);
+            let norm = x.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if !(norm.is_finite() && norm > 0.0) {
+                return None;
+            }
+            x.iter_mut().for_each(|v| *v /= norm);
+        }
+        x.truncate(self.columns);
+        Some(x)
+    }
+}
+
+const POWER_ITERATIONS: usize = 200;
+const INVERSE_ITERATIONS: usize = 3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::rank;
+    use faer::Mat;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn counts_values_and_null_vectors_agree_with_the_dense_decomposition() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
+        for (stages, rows_per, columns_per) in [(6usize, 4usize, 6usize), (6, 7, 5), (1, 5, 5)] {
+            let (rows, columns) = (stages * rows_per, stages * columns_per);
+            let mut triplets = Vec::new();
+            for i in 0..rows {
+                for j in 0..columns {
+                    let near = (i / rows_per).abs_diff(j / columns_per) <= 1;
+                    // Every third stage repeats a row and has a column of zeros.
+                    let twin = if i % (3 * rows_per) == 1 { i - 1 } else { i };
+                    if near && j % (2 * columns_per) != 3 && rng.random_range(0.0..1.0) < 0.8 {
+                        triplets.push((twin, j, rng.random_range(-1.0..1.0)));
+                        if twin != i || i % (3 * rows_per) == 0 {
+                            let value = triplets.last().unwrap().2;
+                            triplets.push((twin + 1, j, 2.0 * value));
+                        }
+                    }
+                }
+            }
+            triplets.retain(|&(i, ..)| i < rows);
+            let m = Sparse::from_triplets(rows, columns, &triplets);
+            let dense = Mat::from_fn(rows, columns, |i, j| {
+                m.entries().filter(|&(a, b, _)| a == i && b == j).map(|(.., slot)| m.values[slot]).sum::<f64>()
+            });
+            let svd = rank::by_svd(&dense).unwrap();
+            let stage = |count: usize, per: usize| (0..count).map(|i| i / per).collect::<Vec<_>>();
+            let mut spectrum = StagedSpectrum::new(&m, &stage(rows, rows_per), &stage(columns, columns_per));
+            spectrum.set(&m);
+            assert!((spectrum.sigma_max() / svd.singular_values[0] - 1.0).abs() < 1e-4);
+            assert_eq!(spectrum.count_above(svd.tolerance), Some(svd.rank));
+            let last = svd.rank - 1;
+            let value = spectrum.value(last, svd.tolerance, svd.singular_values[0] * 1.01, 1e-6).unwrap();
+            assert!((value / svd.singular_values[last] - 1.0).abs() < 1e-5);
+            if svd.rank < columns {
+                let start: Vec<f64> = (0..columns).map(|_| rng.random_range(-1.0..1.0)).collect();
+                let x = spectrum.null_vector(&start, svd.tolerance).unwrap();
+                let mut y = vec![0.0; rows];
+                m.add_product(1.0, &x, &mut y);
+                assert!(y.iter().all(|v| v.abs() < 1e-12), "{y:?}");
+            }
+        }
+    }
+}
