@@ -19,6 +19,7 @@ use super::sparse::Sparse;
 
 /// A pivot must be at least this fraction of its column.
 const THRESHOLD: f64 = 0.02;
+const EQUILIBRATIONS: usize = 3;
 
 /// Number of positive and negative eigenvalues; what is missing to the order is zero to working precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +53,11 @@ struct Pivot {
 #[derive(Clone, Debug)]
 pub struct StagedLdl {
     order: usize,
+    /// (row, column) of each value.
+    positions: Vec<(u32, u32)>,
+    /// S, and S K S as factorised.
+    scale: Vec<f64>,
+    scaled: Vec<f64>,
     stages: Vec<Stage>,
     pivots: Vec<Pivot>,
     rows: Vec<usize>,
@@ -100,6 +106,9 @@ impl StagedLdl {
         }
         Self {
             order,
+            positions: matrix.entries().map(|(i, j, _)| (i as u32, j as u32)).collect(),
+            scale: vec![1.0; order],
+            scaled: vec![0.0; matrix.values.len()],
             stages,
             pivots: Vec::with_capacity(order),
             rows: Vec::new(),
@@ -111,6 +120,8 @@ impl StagedLdl {
 
     /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
+        self.equilibrate(values);
+        let values = &self.scaled;
         self.pivots.clear();
         self.rows.clear();
         self.multipliers.clear();
@@ -204,6 +215,30 @@ impl StagedLdl {
         self.inertia()
     }
 
+    /// S so that the largest entry of each row of S K S is near 1 (D. Ruiz, RAL-TR-2001-034): pivots are then judged against
+    /// entries of like size. The signs of the eigenvalues stay.
+    fn equilibrate(&mut self, values: &[f64]) {
+        self.scale.fill(1.0);
+        let mut largest = vec![0.0f64; self.order];
+        for _ in 0..EQUILIBRATIONS {
+            largest.fill(0.0);
+            for (&(i, j), value) in self.positions.iter().zip(values) {
+                let (i, j) = (i as usize, j as usize);
+                let size = (value * self.scale[i] * self.scale[j]).abs();
+                largest[i] = if size > largest[i] { size } else { largest[i] };
+                largest[j] = if size > largest[j] { size } else { largest[j] };
+            }
+            for (scale, largest) in self.scale.iter_mut().zip(&largest) {
+                if *largest > 0.0 {
+                    *scale /= largest.sqrt();
+                }
+            }
+        }
+        for ((scaled, value), &(i, j)) in self.scaled.iter_mut().zip(values).zip(&self.positions) {
+            *scaled = value * self.scale[i as usize] * self.scale[j as usize];
+        }
+    }
+
     /// Signs of the eigenvalues, from those of the pivots.
     fn inertia(&self) -> Option<Inertia> {
         let mut inertia = Inertia { positive: 0, negative: 0 };
@@ -229,6 +264,7 @@ impl StagedLdl {
     /// Solves in place with the last factorisation.
     pub fn solve(&self, x: &mut [f64]) {
         debug_assert_eq!(x.len(), self.order);
+        x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
         let mut begin = 0;
         for pivot in &self.pivots {
             let (a, b) = (x[pivot.first], pivot.second.map_or(0.0, |i| x[i]));
@@ -253,6 +289,7 @@ impl StagedLdl {
                 x[i] = second;
             }
         }
+        x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
     }
 }
 
