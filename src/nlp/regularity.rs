@@ -71,8 +71,7 @@ impl Spectrum {
         let (high, low) = (matrix.count_above(AMBIGUOUS.1 * sigma_max)?, matrix.count_above(AMBIGUOUS.0 * sigma_max)?);
         let mut around_cut = Vec::new();
         for index in rank.saturating_sub(AROUND_CUT_COUNTED)..(rank + AROUND_CUT_COUNTED).min(rows.min(columns)) {
-            let (low, high) =
-                if index < rank { (tolerance, 1.01 * sigma_max) } else { (1e-18 * sigma_max, tolerance) };
+            let (low, high) = if index < rank { (tolerance, 1.01 * sigma_max) } else { (1e-18 * sigma_max, tolerance) };
             around_cut.push((index, matrix.value(index, low, high, PRECISION)?));
         }
         Some(Self {
@@ -140,11 +139,7 @@ pub fn analyse_dense(problem: &dyn Problem, iterate: &Iterate, active: &[usize])
         let v = svd.V();
         null_directions = (rank_aj.rank..n).map(|k| (0..n).map(|i| v[(i, k)]).collect()).collect();
     }
-    Some(Regularity {
-        a: Spectrum::dense(&rank_a, a.nrows()),
-        aj: Spectrum::dense(&rank_aj, n),
-        null_directions,
-    })
+    Some(Regularity { a: Spectrum::dense(&rank_a, a.nrows()), aj: Spectrum::dense(&rank_aj, n), null_directions })
 }
 
 /// Counts both ranks of one problem at any of its points; symbolic work once.

@@ -55,7 +55,7 @@ impl StagedSpectrum {
         self.sigma_max = self.largest(m);
     }
 
-    /// σ_max, by power iteration on MᵀM (to about 1e-6).
+    /// σ_max, by power iteration on MᵀM, to about one per cent or better.
     pub fn sigma_max(&self) -> f64 {
         self.sigma_max
     }
@@ -76,7 +76,7 @@ impl StagedSpectrum {
             x.fill(0.0);
             m.add_transpose_product(1.0, &y, &mut x);
             let next = y.iter().map(|v| v * v).sum::<f64>().sqrt();
-            let settled = (next - sigma).abs() <= 1e-7 * next;
+            let settled = (next - sigma).abs() <= 1e-5 * next;
             sigma = next;
             if settled {
                 break;
@@ -160,7 +160,7 @@ mod tests {
             let stage = |count: usize, per: usize| (0..count).map(|i| i / per).collect::<Vec<_>>();
             let mut spectrum = StagedSpectrum::new(&m, &stage(rows, rows_per), &stage(columns, columns_per));
             spectrum.set(&m);
-            assert!((spectrum.sigma_max() / svd.singular_values[0] - 1.0).abs() < 1e-4);
+            assert!((spectrum.sigma_max() / svd.singular_values[0] - 1.0).abs() < 1e-2);
             assert_eq!(spectrum.count_above(svd.tolerance), Some(svd.rank));
             let last = svd.rank - 1;
             let value = spectrum.value(last, svd.tolerance, svd.singular_values[0] * 1.01, 1e-6).unwrap();

@@ -8,9 +8,9 @@
 //!   `{δa_j : a_j at a bound}`, `{δȧ_j + s_j δa_j : u_j at a bound}`, s_j = u/τ_act + (1 − u)/τ_deact (for τ_act = τ_deact; in general ∂/∂a of
 //!   eq. 4); u pays for them freely. Midpoint, collocation grid: the alternating mode of each muscle without an active excitation
 //!   bound. Else none.
-//! - Fibre length: the changes δl that vanish at every point, with δl̇ vanishing where a ≠ 0. Midpoint: the alternating mode
-//!   of each muscle with a = 0 at all points, whose contraction equation is algebraic. Radau: none from
-//!   equilibrium (that is one more row); with a free start, the initial length of each muscle with a = 0 throughout the first interval.
+//! - Fibre length: the changes δl that vanish at every point, with δl̇ vanishing where a f_l ≠ 0. Midpoint: the alternating mode
+//!   of each muscle with a f_l = 0 at all points, whose contraction equation is algebraic. Radau: none from
+//!   equilibrium (that is one more row); with a free start, the initial length of each muscle with a f_l = 0 throughout the first interval.
 //! - + the dependent joint constraints at every point: their reactions are not unique, nor, in the stabilised form, η.
 //!
 //! **A**
@@ -18,7 +18,8 @@
 //! - + the dependent joint constraints at every point: of Φ, and in the stabilised form of Φ and Φ_q v together.
 //!
 //! With μ = 0 and no bound active, [Aᵀ Jᵀ] has `2 nm − (linear rows on l) + P (nm + nc − nq)` + the dependent joint constraints, P the number
-//! of complete points; with active bounds no count is given.
+//! of complete points, and with radau `nq − nc` more: the velocity at t_1 is not tracked and acts on the first forces only. With active
+//! bounds no count is given.
 
 use faer::Mat;
 
@@ -63,7 +64,7 @@ pub fn predict(problem: &Collocation<'_>, x: &[f64], active: &[usize], setting: 
     let model = instant.model;
     let locals: Vec<Vec<f64>> = (0..layout.points.len()).map(|j| problem.local(j, x)).collect();
     let complete: Vec<usize> = (0..layout.points.len()).filter(|&j| layout.points[j].complete).collect();
-    let (joints_a, joints_aj) = dependent_joint_constraints(problem, &locals);
+    let (joints_a, joints_aj, missing_at_start) = dependent_joint_constraints(problem, &locals);
 
     let (mut a, mut free, mut active_bounds) = (joints_a, 0, 0);
     for (m, muscle) in model.muscles.iter().enumerate() {
@@ -95,7 +96,9 @@ pub fn predict(problem: &Collocation<'_>, x: &[f64], active: &[usize], setting: 
         }
         let mut rows: Vec<Combination> = Vec::new();
         for (point, z) in layout.points.iter().zip(&locals) {
-            let idle = z[at + ACTIVATION].abs() <= crate::nlp::polish::ACTIVE;
+            // Without activation, or a fibre too short or too long for active force, velocity does not matter.
+            let force = muscle.fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]);
+            let idle = z[at + ACTIVATION].abs() <= crate::nlp::polish::ACTIVE || force.gradient[2] == 0.0;
             let keep = |row: &Combination, kept: bool| -> Combination {
                 row.iter().map(|&(column, weight)| (column, if kept { weight } else { 0.0 })).collect()
             };
@@ -116,7 +119,11 @@ pub fn predict(problem: &Collocation<'_>, x: &[f64], active: &[usize], setting: 
         let linear: usize = (0..muscles).map(|m| linear_rows_on_length(problem, m).len()).sum();
         // nm + nc − nq may be negative for a model with fewer muscles than degrees of freedom.
         let spare = (muscles + model.constraints()).saturating_sub(model.coordinates());
-        Some(2 * muscles - linear + complete.len() * spare + joints_aj)
+        let start = match instant.form {
+            Form::SecondOrder => 0,
+            Form::Stabilised => model.coordinates() - (model.constraints() - missing_at_start),
+        };
+        Some(2 * muscles - linear + complete.len() * spare + start + joints_aj)
     } else {
         None
     };
@@ -134,19 +141,21 @@ fn linear_rows_on_length(problem: &Collocation<'_>, muscle: usize) -> Vec<Combin
     problem.layout.linear.iter().filter(is_ours).cloned().collect()
 }
 
-/// Dependent rows among the joint constraints of all points, and the free reactions (and stabilisers) that follow.
-fn dependent_joint_constraints(problem: &Collocation<'_>, locals: &[Vec<f64>]) -> (usize, usize) {
+/// Dependent rows among the joint constraints of all points; the free reactions (and stabilisers) that follow; and the dependent
+/// rows of Φ_q at the first point.
+fn dependent_joint_constraints(problem: &Collocation<'_>, locals: &[Vec<f64>]) -> (usize, usize, usize) {
     let (instant, layout) = (&problem.instant, &problem.layout);
     let (nq, nc) = (instant.model.coordinates(), instant.model.constraints());
     let nz = instant.variables();
     let mut jacobian = vec![0.0; instant.equations() * nz];
     let mut force = vec![[0.0; 3]; instant.model.muscles.len()];
     let [constraint_row, ..] = instant.row_starts();
-    let (mut rows, mut reactions) = (0, 0);
+    let (mut rows, mut reactions, mut at_start) = (0, 0, None);
     for (z, point) in locals.iter().zip(&layout.points) {
         instant.jacobian(z, &mut jacobian, &mut force);
         let position = Mat::from_fn(nc, nq, |i, j| jacobian[(constraint_row + i) * nz + j]);
         let missing = nc - rank::by_svd(&position).map_or(nc, |r| r.rank);
+        at_start.get_or_insert(missing);
         if instant.form == Form::SecondOrder {
             rows += missing;
             reactions += missing;
@@ -160,5 +169,5 @@ fn dependent_joint_constraints(problem: &Collocation<'_>, locals: &[Vec<f64>]) -
         rows += 2 * nc - rank::by_svd(&both).map_or(2 * nc, |r| r.rank);
         reactions += if point.complete { 2 * missing } else { 0 };
     }
-    (rows, reactions)
+    (rows, reactions, at_start.unwrap_or(0))
 }

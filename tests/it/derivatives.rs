@@ -5,8 +5,8 @@ use sinew::guess::start_guess;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::problem::{Curvature, Multipliers, Problem};
 use sinew::numerics::sparse::Sparse;
-use sinew::solve::transcribe;
-use sinew::study::settings::Bounds;
+use sinew::solve::{discretise, transcribe};
+use sinew::study::settings::{Bounds, Scheme};
 
 use super::support::{model, motion, prepare, settings};
 
@@ -18,13 +18,25 @@ fn dense(matrix: &Sparse) -> Vec<Vec<f64>> {
 
 #[test]
 fn jacobians_and_hessian_of_the_whole_problem_agree_with_differences() {
-    for (model_name, motion_name, points) in [("arm.toml", "arm_curl.csv", 4), ("pedal.toml", "pedal_turn.csv", 3)] {
+    let cases = [
+        ("arm.toml", "arm_curl.csv", 4, Scheme::Midpoint, 1),
+        ("arm.toml", "arm_curl.csv", 4, Scheme::Radau, 1),
+        ("arm.toml", "arm_curl.csv", 3, Scheme::Radau, 3),
+        ("pedal.toml", "pedal_turn.csv", 3, Scheme::Midpoint, 1),
+        ("pedal.toml", "pedal_turn.csv", 3, Scheme::Radau, 2),
+    ];
+    for (model_name, motion_name, points, scheme, stages) in cases {
         let model = model(model_name);
         let table = motion(motion_name, &model);
-        let (instant, scheme, measurement) = prepare(&model, &table, points);
-        let settings = settings(|s| s.bounds = Bounds::ExcitationBoxed);
-        let problem = transcribe(&instant, &scheme, &measurement, &settings);
-        let guess = start_guess(&model, &scheme, points, &measurement).unwrap();
+        let (_, _, measurement) = prepare(&model, &table, points);
+        let settings = settings(|s| {
+            s.bounds = Bounds::ExcitationBoxed;
+            (s.scheme, s.stages) = (scheme, stages);
+        });
+        let (instant, scheme) = discretise(&model, &settings, points, table.duration());
+        let scheme = scheme.as_ref();
+        let problem = transcribe(&instant, scheme, &measurement, &settings);
+        let guess = start_guess(&model, scheme, points, &measurement).unwrap();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
         let mut here = Iterate::new(&problem, guess.iter().map(|x| x + rng.random_range(-0.02..0.02)).collect());
         here.equality_multipliers.iter_mut().for_each(|l| *l = rng.random_range(-1.0..1.0));

@@ -7,6 +7,7 @@ mod cli;
 mod derivatives;
 mod engine;
 mod other_readers;
+mod radau;
 mod recheck;
 mod regularity;
 mod support;
