@@ -112,7 +112,7 @@ const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
 const LONGEST_LEAP: f64 = 64.0;
 /// How far the interior point may raise δ for the exact Hessian.
 const MOST: f64 = 3e-3;
-/// δ starts no larger than this times the KKT error, so that the last steps are Newton's.
+/// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 1e-3;
 const RESTORATIONS: usize = 60;
 
@@ -138,6 +138,8 @@ struct Sqp<'p> {
     active: Option<Vec<bool>>,
     /// δ
     damping: f64,
+    /// Whether the last sub-problem had to raise δ against negative curvature.
+    curved: bool,
     leapt: bool,
     factorisations: usize,
 }
@@ -166,6 +168,7 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
         here,
         active: None,
         damping: FIRST_DAMPING,
+        curved: false,
         leapt: false,
         factorisations: 0,
     };
@@ -230,7 +233,9 @@ impl Sqp<'_> {
         self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Exact, &mut self.hessian);
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
-        self.damping = self.damping.min(DAMPING_PER_ERROR * error.largest()).max(SMALLEST_DAMPING);
+        if !self.curved {
+            self.damping = self.damping.min(DAMPING_PER_ERROR * error.largest()).max(SMALLEST_DAMPING);
+        }
         for attempt in 0..ATTEMPTS {
             let mut damping = self.damping;
             let step = match self.sub_problem(&mut damping) {
@@ -257,6 +262,7 @@ impl Sqp<'_> {
             if accepted.verdict == Verdict::Progress {
                 self.filter.add(before);
             }
+            self.curved = damping > self.damping;
             let full = accepted.fraction == 1.0 && attempt == 0;
             self.damping = if full { (LOWER * damping).max(SMALLEST_DAMPING) } else { damping };
             self.take(step, accepted, record);
