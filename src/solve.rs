@@ -64,7 +64,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
         ..SqpSettings::default()
     };
     let solved = Clock::now();
-    let runs: Vec<SqpOutcome> = (0..settings.starts)
+    let runs: Vec<SqpOutcome> = (settings.first_start..settings.first_start + settings.starts)
         .map(|k| sqp::solve(&problem, disturb(&guess, scheme, model, settings.seed, k), sqp_settings))
         .collect();
     let solve_s = solved.elapsed().as_secs_f64();

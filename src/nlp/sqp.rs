@@ -221,11 +221,15 @@ impl Sqp<'_> {
             Some(SqpStatus::Converged)
         } else if iteration >= self.settings.max_iterations {
             Some(SqpStatus::IterationLimit)
-        } else if self.settings.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+        } else if self.is_late() {
             Some(SqpStatus::TimeLimit)
         } else {
             None
         }
+    }
+
+    fn is_late(&self) -> bool {
+        self.settings.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     /// One step from `here` to the next point.
@@ -237,6 +241,9 @@ impl Sqp<'_> {
             self.damping = self.damping.min(DAMPING_PER_ERROR * error.largest()).max(SMALLEST_DAMPING);
         }
         for attempt in 0..ATTEMPTS {
+            if self.is_late() {
+                return Err(SqpStatus::TimeLimit);
+            }
             let mut damping = self.damping;
             let step = match self.sub_problem(&mut damping) {
                 Ok(step) => step,
@@ -489,6 +496,9 @@ impl Sqp<'_> {
         let mut damping = 1e-4;
         let zero = Sparse::from_triplets(0, start.x.len(), &[]);
         for _ in 0..RESTORATIONS {
+            if self.is_late() {
+                return Err(SqpStatus::TimeLimit);
+            }
             if self.here.violation() <= goal {
                 break;
             }

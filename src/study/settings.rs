@@ -168,6 +168,8 @@ pub struct Settings {
     pub smoothing_hz: f64,
     /// Start guesses: the first by inverse dynamics, the others that one disturbed.
     pub starts: usize,
+    /// Number of the first of them; 0 is the one by inverse dynamics.
+    pub first_start: usize,
     /// Of noise and of disturbed starts.
     pub seed: u64,
     pub regularity: RegularityMode,
@@ -196,6 +198,7 @@ impl Default for Settings {
             noise_sd: 0.0,
             smoothing_hz: 0.0,
             starts: 1,
+            first_start: 0,
             seed: 1,
             regularity: RegularityMode::EveryIteration,
             trajectories: false,
@@ -223,6 +226,7 @@ pub const NAMES: &[&str] = &[
     "noise_sd",
     "smoothing_hz",
     "starts",
+    "first_start",
     "seed",
     "regularity",
     "trajectories",
@@ -251,6 +255,7 @@ impl Settings {
             "noise_sd" => self.noise_sd = number(value, 0.0..=1e3, "a standard deviation in m and rad, 0 for none")?,
             "smoothing_hz" => self.smoothing_hz = number(value, 0.0..=1e6, "a frequency in Hz, 0 for none")?,
             "starts" => self.starts = integer(value, 1..=100_000)? as usize,
+            "first_start" => self.first_start = integer(value, 0..=1_000_000)? as usize,
             "seed" => self.seed = integer(value, 0..=i64::MAX)? as u64,
             "regularity" => self.regularity = choice(value, RegularityMode::ALL, RegularityMode::parse)?,
             "trajectories" => {

@@ -10,7 +10,8 @@
 //! [sweep.sample]                                # seeded, uniform and independent
 //! count = 100
 //! seed = 7
-//! "body.forearm.mass" = { from = 1.0, to = 2.0 }
+//! "body.forearm.mass" = { from = 1.0, to = 2.0 }   # or with scale = "log"
+//! bounds = ["activation", "both"]               # any of these, equally likely
 //! ```
 //!
 //! Where several are given they multiply: samples turn slowest, then the grid, then the zip.
@@ -187,27 +188,60 @@ fn samples(table: &toml::Table) -> Result<Vec<Assignment>, Issue> {
         )),
     };
     let (count, seed) = (integer("count", 1, 1_000_000)?, integer("seed", 0, i64::MAX)?);
-    let ranges = table
+    let draws = table
         .iter()
         .filter(|(name, _)| !["count", "seed"].contains(&name.as_str()))
-        .map(|(name, spec)| match spec {
-            toml::Value::Table(range) if range.keys().all(|k| k == "from" || k == "to") => {
-                Ok((name, ends("sample", name, range)?))
-            }
-            _ => Err(Issue::new(&["sweep", "sample", name], "no range", "a sampled parameter is { from = …, to = … }")),
-        })
-        .collect::<Result<Vec<_>, _>>()?;
+        .map(|(name, spec)| Ok((name, Draw::new(name, spec)?)))
+        .collect::<Result<Vec<_>, Issue>>()?;
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed as u64);
     Ok((0..count)
         .map(|i| {
             let mut assignment = vec![(SAMPLE.to_owned(), Value::Integer(i))];
-            for (name, (from, to)) in &ranges {
-                let share: f64 = rng.random();
-                assignment.push(((*name).clone(), Value::Number(from + share * (to - from))));
-            }
+            assignment.extend(draws.iter().map(|(name, draw)| ((*name).clone(), draw.at(rng.random()))));
             assignment
         })
         .collect())
+}
+
+/// What a sampled parameter is drawn from.
+enum Draw {
+    Linear(f64, f64),
+    Log(f64, f64),
+    Choice(Vec<Value>),
+}
+
+impl Draw {
+    fn new(name: &str, spec: &toml::Value) -> Result<Self, Issue> {
+        match spec {
+            toml::Value::Array(_) => Ok(Draw::Choice(axis("sample", name, spec)?)),
+            toml::Value::Table(range) if range.keys().all(|k| ["from", "to", "scale"].contains(&k.as_str())) => {
+                let (from, to) = ends("sample", name, range)?;
+                match range.get("scale").map(toml::Value::as_str) {
+                    None | Some(Some("linear")) => Ok(Draw::Linear(from, to)),
+                    Some(Some("log")) if from > 0.0 && to > 0.0 => Ok(Draw::Log(from, to)),
+                    _ => Err(Issue::new(
+                        &["sweep", "sample", name, "scale"],
+                        "no scale for this range",
+                        "scale is \"linear\" or, with both ends above 0, \"log\"",
+                    )),
+                }
+            }
+            _ => Err(Issue::new(
+                &["sweep", "sample", name],
+                "nothing to draw from",
+                "a sampled parameter is a range { from = …, to = … } (scale = \"log\" if you like) or a list of values",
+            )),
+        }
+    }
+
+    /// The value at a share from 0 to 1.
+    fn at(&self, share: f64) -> Value {
+        match self {
+            Draw::Linear(from, to) => Value::Number(from + share * (to - from)),
+            Draw::Log(from, to) => Value::Number((from.ln() + share * (to.ln() - from.ln())).exp()),
+            Draw::Choice(values) => values[((share * values.len() as f64) as usize).min(values.len() - 1)].clone(),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -247,6 +281,11 @@ mod tests {
         assert_eq!(one.len(), 3);
         assert!(one.iter().all(|j| (1.0..2.0).contains(&j[1].1.number().unwrap())));
         assert_ne!(one[0][1], one[1][1]);
+        let text = "[sample]\ncount = 60\nseed = 4\nmu = { from = 0.01, to = 1.0, scale = 'log' }\nb = ['x', 'y']";
+        let jobs = expand_text(text).unwrap();
+        let small = jobs.iter().filter(|j| j[1].1.number().unwrap() < 0.1).count();
+        let x = jobs.iter().filter(|j| j[2].1 == Value::Text("x".into())).count();
+        assert!((20..40).contains(&small) && (20..40).contains(&x), "{small} {x}");
     }
 
     #[test]
@@ -259,6 +298,8 @@ mod tests {
             ("[grid]\nmu = { from = 0.0, to = 1.0, count = 3, scale = 'log' }", "log range"),
             ("[grid]\nmu = { from = 0.0, to = 1.0 }", "count"),
             ("[sample]\ncount = 3", "seed"),
+            ("[sample]\ncount = 3\nseed = 1\nmu = { from = 0.0, to = 1.0, scale = 'log' }", "scale"),
+            ("[sample]\ncount = 3\nseed = 1\nmu = 0.1", "draw"),
         ] {
             let issue = expand_text(text).unwrap_err();
             assert!(issue.message.contains(part), "{text}: {issue:?}");
