@@ -94,11 +94,13 @@ pub fn predict(problem: &Collocation<'_>, x: &[f64], active: &[usize], setting: 
             let (rank, unknowns) = rank_of(&rows);
             free += unknowns - rank;
         }
+        // Put to exactly 0 before ranks are taken.
+        let idle_throughout = locals.iter().all(|z| z[at + ACTIVATION].abs() <= crate::nlp::polish::ACTIVE);
         let mut rows: Vec<Combination> = Vec::new();
         for (point, z) in layout.points.iter().zip(&locals) {
             // Without activation, or a fibre too short or too long for active force, velocity does not matter.
             let force = muscle.fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]);
-            let idle = z[at + ACTIVATION].abs() <= crate::nlp::polish::ACTIVE || force.gradient[2] == 0.0;
+            let idle = idle_throughout || force.gradient[2] == 0.0;
             let keep = |row: &Combination, kept: bool| -> Combination {
                 row.iter().map(|&(column, weight)| (column, if kept { weight } else { 0.0 })).collect()
             };
