@@ -358,7 +358,7 @@ fn swap(front: &mut [f64], index: &mut [usize], n: usize, i: usize, j: usize) {
 type Store<'a> = (&'a mut Vec<usize>, &'a mut Vec<[f64; 2]>);
 
 /// Columns after `k` in which a pivot row is not zero. Few of them: rows and columns are skipped, not multiplied by zero.
-fn nonzero<'c>(columns: &'c mut Vec<usize>, from: usize, is: impl Fn(usize) -> bool, n: usize) -> &'c [usize] {
+fn nonzero(columns: &mut Vec<usize>, from: usize, is: impl Fn(usize) -> bool, n: usize) -> &[usize] {
     columns.clear();
     columns.extend((from..n).filter(|&j| is(j)));
     columns
