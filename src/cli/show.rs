@@ -214,6 +214,7 @@ fn job_table(jobs: &Table, regularity: &Table, axes: &[String], limit: usize) {
         cells.push(
             match unique {
                 Some((true, _)) => "yes",
+                _ if rank.and_then(|r| regularity.integer("deficiency_aj", r)) == Some(0) => "yes, multipliers not",
                 Some((false, true)) => "loads only",
                 Some((false, false)) => "no",
                 None => "–",
