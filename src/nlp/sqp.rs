@@ -140,7 +140,6 @@ struct Sqp<'p> {
     damping: f64,
     /// Whether the last sub-problem had to raise δ against negative curvature.
     curved: bool,
-    leapt: bool,
     factorisations: usize,
 }
 
@@ -169,7 +168,6 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
         active: None,
         damping: FIRST_DAMPING,
         curved: false,
-        leapt: false,
         factorisations: 0,
     };
     solver.run()
@@ -265,14 +263,16 @@ impl Sqp<'_> {
                 && damping <= 1e-3
                 && error.largest() < 1.0
                 && error.largest() > self.settings.target;
-            self.leapt = leaps && self.leap(&step, &mut accepted.trial, error);
+            if leaps {
+                self.leap(&step, &mut accepted.trial, error);
+            }
             if accepted.verdict == Verdict::Progress {
                 self.filter.add(before);
             }
             self.curved = damping > self.damping;
             let full = accepted.fraction == 1.0 && attempt == 0;
             self.damping = if full { (LOWER * damping).max(SMALLEST_DAMPING) } else { damping };
-            self.take(step, accepted, record);
+            self.take(step, accepted, leaps, record);
             return Ok(());
         }
         self.restore(record)
@@ -422,8 +422,8 @@ impl Sqp<'_> {
         trial.evaluate(self.problem);
     }
 
-    /// Tries far more than a settled step; see the module. Whether `trial` was moved.
-    fn leap(&mut self, step: &Step, trial: &mut Iterate, error: KktError) -> bool {
+    /// Tries far more than a settled step; see the module. Leaves `trial` with multipliers and derivatives, moved or not.
+    fn leap(&mut self, step: &Step, trial: &mut Iterate, error: KktError) {
         trial.equality_multipliers.copy_from_slice(&step.equality_multipliers);
         trial.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
         trial.differentiate(self.problem);
@@ -432,7 +432,9 @@ impl Sqp<'_> {
         let mut tried: Vec<(f64, Iterate)> = Vec::new();
         // With f ~ k/v the error falls as 1/v² and Newton's step is v/2: no further out than it takes.
         let reach = 2.0 * (error.largest() / self.settings.target).sqrt();
-        for far in LEAPS.map(|share| share * reach.min(LONGEST_LEAP)).map(|far| far.max(1.0)) {
+        let mut lengths = LEAPS.map(|share| (share * reach.min(LONGEST_LEAP)).max(1.0)).to_vec();
+        lengths.dedup();
+        for far in lengths {
             let mut there = trial.clone();
             there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
             there.evaluate(self.problem);
@@ -450,11 +452,9 @@ impl Sqp<'_> {
         }
         // No further out than it takes: the shortest that does nearly as well as the best.
         let enough = 2.0 * tried.iter().map(|(error, _)| *error).fold(f64::INFINITY, f64::min);
-        match tried.into_iter().find(|(error, _)| *error <= enough) {
-            Some((_, there)) => *trial = there,
-            None => return false,
+        if let Some((_, there)) = tried.into_iter().find(|(error, _)| *error <= enough) {
+            *trial = there;
         }
-        true
     }
 
     /// One Newton step on the optimality conditions of `point` with the factorisation at hand.
@@ -474,11 +474,11 @@ impl Sqp<'_> {
     }
 
     /// Moves to the accepted point.
-    fn take(&mut self, step: Step, accepted: Accepted, record: &mut Record) {
+    fn take(&mut self, step: Step, accepted: Accepted, leaps: bool, record: &mut Record) {
         let Accepted { mut trial, fraction, .. } = accepted;
         record.step_norm = distance(&self.here.x, &trial.x);
-        // A leap has brought its own multipliers and derivatives.
-        if !self.leapt {
+        // A leap has left multipliers and derivatives.
+        if !leaps {
             let blend = |old: &mut f64, new: &f64| *old += fraction * (new - *old);
             trial.equality_multipliers.iter_mut().zip(&step.equality_multipliers).for_each(|(o, n)| blend(o, n));
             trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers).for_each(|(o, n)| blend(o, n));
