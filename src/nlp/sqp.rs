@@ -101,7 +101,7 @@ impl SqpOutcome {
 const PATIENCE: usize = 30;
 const FIRST_DAMPING: f64 = 1e-2;
 /// Δ of the proximal term in Clarabel's sub-problem.
-const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e1);
+const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e6);
 const LOWER: f64 = 0.2;
 const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
@@ -110,8 +110,11 @@ const CORRECTIONS: usize = 4;
 /// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
 const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
 const LONGEST_LEAP: f64 = 64.0;
-/// How far the interior point may raise δ for the exact Hessian.
+/// How far the interior point may raise δ for the exact Hessian at first; the factor on it while the steps with the convexified one
+/// leave more than this share of the KKT error.
 const MOST: f64 = 3e-3;
+const RAISE_MOST: f64 = 5.0;
+const CREEPING: f64 = 0.9;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 1e-3;
 const RESTORATIONS: usize = 60;
@@ -140,6 +143,10 @@ struct Sqp<'p> {
     damping: f64,
     /// Whether the last sub-problem had to raise δ against negative curvature.
     curved: bool,
+    /// How far the interior point may raise δ for the exact Hessian.
+    most: f64,
+    /// Whether the last sub-problem was that of the convexified Hessian.
+    convexified: bool,
     factorisations: usize,
 }
 
@@ -168,6 +175,8 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
         active: None,
         damping: FIRST_DAMPING,
         curved: false,
+        most: MOST,
+        convexified: false,
         factorisations: 0,
     };
     solver.run()
@@ -273,6 +282,11 @@ impl Sqp<'_> {
             let full = accepted.fraction == 1.0 && attempt == 0;
             self.damping = if full { (LOWER * damping).max(SMALLEST_DAMPING) } else { damping };
             self.take(step, accepted, leaps, record);
+            if self.convexified {
+                // The convex model is far too stiff where the Lagrangian is flat: next time, the exact one with more δ.
+                let creeps = error.largest() < 1.0 && self.here.kkt_error().largest() > CREEPING * error.largest();
+                self.most = if creeps { RAISE_MOST * self.most } else { MOST };
+            }
             return Ok(());
         }
         self.restore(record)
@@ -280,6 +294,7 @@ impl Sqp<'_> {
 
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
+        self.convexified = false;
         if let Some(guess) = &self.active {
             let mut exact = *damping;
             let found = active_set::solve(&mut self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
@@ -290,7 +305,7 @@ impl Sqp<'_> {
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one.
-            for (curvature, most) in [(Curvature::Exact, MOST), (Curvature::Convex, f64::INFINITY)] {
+            for (curvature, most) in [(Curvature::Exact, self.most), (Curvature::Convex, f64::INFINITY)] {
                 let hessian = match curvature {
                     Curvature::Exact => &self.hessian,
                     Curvature::Convex => {
@@ -301,11 +316,23 @@ impl Sqp<'_> {
                 };
                 let mut delta = *damping;
                 let found = interior_point::solve(&mut self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
-                if let Ok(step) = found {
-                    self.factorisations += step.factorisations;
-                    *damping = delta;
-                    return Ok(step);
+                let Ok(mut step) = found else { continue };
+                // Away from its end the interior point may need more δ than its solution does.
+                let mut less = *damping;
+                if delta > less && curvature == Curvature::Exact {
+                    let guess = &step.active;
+                    let found = active_set::solve(&mut self.kkt, &self.here, hessian, &self.metric, &mut less, guess);
+                    if let Ok(better) = found
+                        && less < delta
+                    {
+                        self.factorisations += step.factorisations;
+                        (step, delta) = (better, less);
+                    }
                 }
+                self.factorisations += step.factorisations;
+                self.convexified = curvature == Curvature::Convex;
+                *damping = delta;
+                return Ok(step);
             }
         }
         let mut hessian = self.gauss_newton.clone();
