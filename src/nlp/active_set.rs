@@ -15,7 +15,7 @@ const ACCURACY: f64 = 1e-6;
 /// From this round on, more than so many wrong rows are too many.
 const PATIENCE: usize = 3;
 const NEARLY: usize = 4;
-pub const SMALLEST_DAMPING: f64 = 1e-13;
+pub const SMALLEST_DAMPING: f64 = 1e-15;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Above this, guessing gives up: the convexified problem serves better.
 const EXACT_DAMPING: f64 = 1e-2;

@@ -20,7 +20,7 @@ pub use crate::numerics::staged::Inertia;
 use crate::numerics::staged::StagedLdl;
 
 /// ε of the variables and of the constraints, against entries of order one.
-const PRIMAL: f64 = 1e-14;
+const PRIMAL: f64 = 1e-16;
 const DUAL: f64 = 1e-11;
 const REFINEMENTS: usize = 10;
 

@@ -9,6 +9,7 @@
 //!                   4. at first and where all else fails: H = JᵀJ, by Clarabel (qp)
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
+//!     extend        a step that δ has kept short, for as long as the objective falls
 //!     on failure    raise δ; then restore feasibility (by Clarabel); then give up as `stalled` or `infeasible`
 //! ```
 //!
@@ -102,7 +103,9 @@ const PATIENCE: usize = 30;
 const FIRST_DAMPING: f64 = 1e-2;
 /// Δ of the proximal term in Clarabel's sub-problem.
 const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e6);
+/// δ after a full step, and the least share of it that the KKT error may leave.
 const LOWER: f64 = 0.2;
+const FALL: f64 = 0.01;
 const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
@@ -118,6 +121,8 @@ const CREEPING: f64 = 0.9;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 1e-3;
 const RESTORATIONS: usize = 60;
+/// How often a step that creeps is made twice as long.
+const DOUBLINGS: usize = 16;
 
 /// A trial point that was accepted.
 struct Accepted {
@@ -245,7 +250,8 @@ impl Sqp<'_> {
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
         if !self.curved {
-            self.damping = self.damping.min(DAMPING_PER_ERROR * error.largest()).max(SMALLEST_DAMPING);
+            let most = (DAMPING_PER_ERROR * error.largest()).max(FALL * self.damping);
+            self.damping = self.damping.min(most).max(SMALLEST_DAMPING);
         }
         for attempt in 0..ATTEMPTS {
             if self.is_late() {
@@ -279,12 +285,16 @@ impl Sqp<'_> {
                 self.filter.add(before);
             }
             self.curved = damping > self.damping;
-            let full = accepted.fraction == 1.0 && attempt == 0;
-            self.damping = if full { (LOWER * damping).max(SMALLEST_DAMPING) } else { damping };
+            let whole = accepted.fraction == 1.0;
+            self.damping = if whole && attempt == 0 { (LOWER * damping).max(SMALLEST_DAMPING) } else { damping };
+            let direction = step.direction.clone();
             self.take(step, accepted, leaps, record);
+            let creeps = error.largest() < 1.0 && self.here.kkt_error().largest() > CREEPING * error.largest();
+            if creeps && whole {
+                self.extend(&direction, damping, record);
+            }
             if self.convexified {
                 // The convex model is far too stiff where the Lagrangian is flat: next time, the exact one with more δ.
-                let creeps = error.largest() < 1.0 && self.here.kkt_error().largest() > CREEPING * error.largest();
                 self.most = if creeps { RAISE_MOST * self.most } else { MOST };
             }
             return Ok(());
@@ -498,6 +508,42 @@ impl Sqp<'_> {
         inequalities.for_each(|((nu, d), active)| *nu = if *active { (*nu - d).max(0.0) } else { 0.0 });
         point.evaluate(self.problem);
         point.differentiate(self.problem);
+    }
+
+    /// Against negative curvature, or where the Lagrangian is flat, it is δ that makes a step short: goes on along it, doubling,
+    /// for as long as the objective falls, with two steps back to the constraints each time.
+    fn extend(&mut self, direction: &[f64], damping: f64, record: &mut Record) {
+        let factorised = self.kkt.factorise(&KktValues {
+            hessian: &self.hessian,
+            metric: &self.metric,
+            damping,
+            equalities: &self.here.equality_jacobian,
+            inequalities: &self.here.inequality_jacobian,
+            rows: Rows::Active(self.active.as_deref().unwrap_or(&[])),
+        });
+        if factorised.is_none() {
+            return;
+        }
+        self.factorisations += 1;
+        let allowed = self.here.violation().max(self.settings.tolerance);
+        let mut further = 1.0;
+        let mut best: Option<Iterate> = None;
+        for _ in 0..DOUBLINGS {
+            let mut there = self.at(direction, further);
+            self.reduce_violation(&mut there);
+            self.reduce_violation(&mut there);
+            let lowest = best.as_ref().unwrap_or(&self.here).objective;
+            if !(there.is_finite() && there.objective < lowest && there.violation() <= allowed) {
+                break;
+            }
+            best = Some(there);
+            further *= 2.0;
+        }
+        if let Some(mut best) = best {
+            best.differentiate(self.problem);
+            record.step_norm = distance(&record.x, &best.x);
+            self.here = best;
+        }
     }
 
     /// Moves to the accepted point.

@@ -15,6 +15,8 @@
 //! multifrontal solution of indefinite sparse symmetric linear equations*, ACM TOMS 9, 1983). By Sylvester's law
 //! the signs of the pivots are the signs of the eigenvalues.
 
+use multiversion::multiversion;
+
 use super::sparse::Sparse;
 
 /// A pivot must be at least this fraction of its column.
@@ -49,6 +51,14 @@ struct Pivot {
     end: usize,
 }
 
+/// D and the columns of L.
+#[derive(Clone, Debug, Default)]
+struct Factors {
+    pivots: Vec<Pivot>,
+    rows: Vec<usize>,
+    multipliers: Vec<[f64; 2]>,
+}
+
 /// The factorisation; symbolic once, numeric as often as values change.
 #[derive(Clone, Debug)]
 pub struct StagedLdl {
@@ -59,11 +69,21 @@ pub struct StagedLdl {
     scale: Vec<f64>,
     scaled: Vec<f64>,
     stages: Vec<Stage>,
-    pivots: Vec<Pivot>,
-    rows: Vec<usize>,
-    multipliers: Vec<[f64; 2]>,
+    factors: Factors,
+    work: Work,
+}
+
+/// Work space of the numeric factorisation.
+#[derive(Clone, Debug, Default)]
+struct Work {
     front: Vec<f64>,
     carried: Vec<f64>,
+    delayed: Vec<usize>,
+    index: Vec<usize>,
+    place: Vec<usize>,
+    coupled: Vec<bool>,
+    columns: Vec<usize>,
+    target: Vec<usize>,
 }
 
 impl StagedLdl {
@@ -110,27 +130,21 @@ impl StagedLdl {
             scale: vec![1.0; order],
             scaled: vec![0.0; matrix.values.len()],
             stages,
-            pivots: Vec::with_capacity(order),
-            rows: Vec::new(),
-            multipliers: Vec::new(),
-            front: Vec::new(),
-            carried: Vec::new(),
+            factors: Factors::default(),
+            work: Work::default(),
         }
     }
 
     /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
         self.equilibrate(values);
-        let values = &self.scaled;
-        self.pivots.clear();
-        self.rows.clear();
-        self.multipliers.clear();
-        let mut delayed: Vec<usize> = Vec::new();
-        let mut index: Vec<usize> = Vec::new();
-        let mut place: Vec<usize> = Vec::new();
-        let mut coupled: Vec<bool> = Vec::new();
-        let mut columns: Vec<usize> = Vec::new();
-        let mut target: Vec<usize> = Vec::new();
+        let (values, factors) = (&self.scaled, &mut self.factors);
+        factors.pivots.clear();
+        factors.rows.clear();
+        factors.multipliers.clear();
+        let Work { front, carried, delayed, index, place, coupled, columns, target } = &mut self.work;
+        delayed.clear();
+        carried.clear();
         let last = self.stages.len().saturating_sub(1);
         for s in 0..self.stages.len() {
             let stage = &self.stages[s];
@@ -148,9 +162,9 @@ impl StagedLdl {
                 }
             }
             index.clear();
-            index.extend_from_slice(&delayed);
+            index.extend_from_slice(delayed);
             place.clear();
-            for (&i, &coupled) in stage.own.iter().chain(&stage.border).zip(&coupled) {
+            for (&i, &coupled) in stage.own.iter().chain(&stage.border).zip(&*coupled) {
                 place.push(if coupled { index.len() } else { usize::MAX });
                 if coupled {
                     index.push(i);
@@ -158,21 +172,21 @@ impl StagedLdl {
             }
             let n = index.len();
             let summed = n - stage.border.len();
-            self.front.clear();
-            self.front.resize(n * n, 0.0);
-            let front = &mut self.front;
+            front.clear();
+            front.resize(n * n, 0.0);
             let to = |k: usize| if k < nd { k } else { place[stage.carry[k - nd]] };
             target.clear();
             target.extend((0..old).map(to));
             for i in 0..old {
                 let row = &mut front[target[i] * n..(target[i] + 1) * n];
-                target.iter().zip(&self.carried[i * old..(i + 1) * old]).for_each(|(&j, value)| row[j] = *value);
+                target.iter().zip(&carried[i * old..(i + 1) * old]).for_each(|(&j, value)| row[j] = *value);
             }
             for &(i, j, slot) in &stage.entries {
                 let (row, column) = (place[i], place[j]);
                 if row == usize::MAX && row == column {
                     let inverse = [1.0 / values[slot], 0.0, 0.0];
-                    self.pivots.push(Pivot { first: stage.own[i], second: None, inverse, end: self.rows.len() });
+                    let end = factors.rows.len();
+                    factors.pivots.push(Pivot { first: stage.own[i], second: None, inverse, end });
                 } else if row != usize::MAX && column != usize::MAX {
                     front[row * n + column] += values[slot];
                     if row != column {
@@ -180,34 +194,10 @@ impl StagedLdl {
                     }
                 }
             }
-            let mut k = 0;
-            while k < summed {
-                let (c, partner) = match find_pivot(front, n, k, summed) {
-                    Some(pivot) => pivot,
-                    None if s < last => break,
-                    // Nothing is left to delay to: the largest diagonal entry, however small.
-                    None => {
-                        let size = |i: usize| front[i * n + i].abs();
-                        ((k..summed).max_by(|&a, &b| size(a).total_cmp(&size(b)))?, None)
-                    }
-                };
-                swap(front, &mut index, n, k, c);
-                let (store, pivots) = ((&mut self.rows, &mut self.multipliers), &mut self.pivots);
-                match partner {
-                    None => {
-                        eliminate_one(front, n, k, &index, store, pivots, &mut columns);
-                        k += 1;
-                    }
-                    Some(r) => {
-                        swap(front, &mut index, n, k + 1, if r == k { c } else { r });
-                        eliminate_two(front, n, k, &index, store, pivots, &mut columns);
-                        k += 2;
-                    }
-                }
-            }
-            self.carried.clear();
+            let k = eliminate(front, n, summed, s == last, index, factors, columns);
+            carried.clear();
             for i in k..n {
-                self.carried.extend_from_slice(&front[i * n + k..(i + 1) * n]);
+                carried.extend_from_slice(&front[i * n + k..(i + 1) * n]);
             }
             delayed.clear();
             delayed.extend_from_slice(&index[k..summed]);
@@ -242,7 +232,7 @@ impl StagedLdl {
     /// Signs of the eigenvalues, from those of the pivots.
     fn inertia(&self) -> Option<Inertia> {
         let mut inertia = Inertia { positive: 0, negative: 0 };
-        for pivot in &self.pivots {
+        for pivot in &self.factors.pivots {
             let [p, q, r] = pivot.inverse;
             let determinant = p * r - q * q;
             match pivot.second {
@@ -258,29 +248,30 @@ impl StagedLdl {
                 Some(_) => inertia.negative += 2,
             }
         }
-        self.multipliers.iter().flatten().all(|l| l.is_finite()).then_some(inertia)
+        self.factors.multipliers.iter().flatten().all(|l| l.is_finite()).then_some(inertia)
     }
 
     /// Solves in place with the last factorisation.
     pub fn solve(&self, x: &mut [f64]) {
         debug_assert_eq!(x.len(), self.order);
         x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
+        let Factors { pivots, rows, multipliers } = &self.factors;
         let mut begin = 0;
-        for pivot in &self.pivots {
+        for pivot in pivots {
             let (a, b) = (x[pivot.first], pivot.second.map_or(0.0, |i| x[i]));
             for at in begin..pivot.end {
-                let [l, m] = self.multipliers[at];
-                x[self.rows[at]] -= l * a + m * b;
+                let [l, m] = multipliers[at];
+                x[rows[at]] -= l * a + m * b;
             }
             begin = pivot.end;
         }
-        for (k, pivot) in self.pivots.iter().enumerate().rev() {
-            let begin = if k == 0 { 0 } else { self.pivots[k - 1].end };
+        for (k, pivot) in pivots.iter().enumerate().rev() {
+            let begin = if k == 0 { 0 } else { pivots[k - 1].end };
             let (a, b) = (x[pivot.first], pivot.second.map_or(0.0, |i| x[i]));
             let [p, q, r] = pivot.inverse;
             let (mut first, mut second) = (p * a + q * b, q * a + r * b);
             for at in begin..pivot.end {
-                let (value, [l, m]) = (x[self.rows[at]], self.multipliers[at]);
+                let (value, [l, m]) = (x[rows[at]], multipliers[at]);
                 first -= l * value;
                 second -= m * value;
             }
@@ -293,7 +284,48 @@ impl StagedLdl {
     }
 }
 
+/// Eliminates as many of the first `summed` unknowns as have an acceptable pivot, of the last front all. Returns their number.
+///
+/// Compiled for each width of vector registers; without fused multiply–add, so that the numbers are the same on all.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+fn eliminate(
+    front: &mut [f64],
+    n: usize,
+    summed: usize,
+    is_last: bool,
+    index: &mut [usize],
+    factors: &mut Factors,
+    columns: &mut Vec<usize>,
+) -> usize {
+    let mut k = 0;
+    while k < summed {
+        let (c, partner) = match find_pivot(front, n, k, summed) {
+            Some(pivot) => pivot,
+            None if !is_last => break,
+            // Nothing is left to delay to: the largest diagonal entry, however small.
+            None => {
+                let size = |i: usize| front[i * n + i].abs();
+                ((k..summed).max_by(|&a, &b| size(a).total_cmp(&size(b))).unwrap_or(k), None)
+            }
+        };
+        swap(front, index, n, k, c);
+        match partner {
+            None => {
+                eliminate_one(front, n, k, index, factors, columns);
+                k += 1;
+            }
+            Some(r) => {
+                swap(front, index, n, k + 1, if r == k { c } else { r });
+                eliminate_two(front, n, k, index, factors, columns);
+                k += 2;
+            }
+        }
+    }
+    k
+}
+
 /// Largest magnitude, eight at a time.
+#[inline(always)]
 fn largest_of(values: &[f64]) -> f64 {
     let mut lanes = [0.0f64; 8];
     let (chunks, rest) = values.as_chunks::<8>();
@@ -306,6 +338,7 @@ fn largest_of(values: &[f64]) -> f64 {
 }
 
 /// Largest entry of row `c` among columns k … n but `c` and `but`.
+#[inline(always)]
 fn largest(front: &[f64], n: usize, k: usize, c: usize, but: usize) -> f64 {
     let row = &front[c * n..(c + 1) * n];
     let (first, second) = (c.min(but), c.max(but));
@@ -314,6 +347,7 @@ fn largest(front: &[f64], n: usize, k: usize, c: usize, but: usize) -> f64 {
 }
 
 /// The column among k … summed but `c` where row `c` is largest.
+#[inline(always)]
 fn partner(front: &[f64], n: usize, k: usize, summed: usize, c: usize) -> Option<usize> {
     let row = &front[c * n..(c + 1) * n];
     let (mut best, mut size) = (None, 0.0);
@@ -326,6 +360,7 @@ fn partner(front: &[f64], n: usize, k: usize, summed: usize, c: usize) -> Option
 }
 
 /// The next acceptable pivot among rows k … summed: one row, or two.
+#[inline(always)]
 fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize, Option<usize>)> {
     for c in k..summed {
         let a = front[c * n + c];
@@ -345,6 +380,7 @@ fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize
 }
 
 /// Exchanges rows and columns i and j ≥ i.
+#[inline(always)]
 fn swap(front: &mut [f64], index: &mut [usize], n: usize, i: usize, j: usize) {
     if i == j {
         return;
@@ -355,25 +391,24 @@ fn swap(front: &mut [f64], index: &mut [usize], n: usize, i: usize, j: usize) {
     front.chunks_exact_mut(n).for_each(|row| row.swap(i, j));
 }
 
-type Store<'a> = (&'a mut Vec<usize>, &'a mut Vec<[f64; 2]>);
-
 /// Columns after `k` in which a pivot row is not zero. Few of them: rows and columns are skipped, not multiplied by zero.
+#[inline(always)]
 fn nonzero(columns: &mut Vec<usize>, from: usize, is: impl Fn(usize) -> bool, n: usize) -> &[usize] {
     columns.clear();
     columns.extend((from..n).filter(|&j| is(j)));
     columns
 }
 
+#[inline(always)]
 fn eliminate_one(
     front: &mut [f64],
     n: usize,
     k: usize,
     index: &[usize],
-    store: Store<'_>,
-    pivots: &mut Vec<Pivot>,
+    factors: &mut Factors,
     columns: &mut Vec<usize>,
 ) {
-    let (rows, multipliers) = store;
+    let Factors { pivots, rows, multipliers } = factors;
     let d = front[k * n + k];
     // A zero pivot in a zero column: the unknown is left at zero.
     let inverse = if d == 0.0 { 0.0 } else { 1.0 / d };
@@ -398,16 +433,16 @@ fn eliminate_one(
     pivots.push(Pivot { first: index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
 }
 
+#[inline(always)]
 fn eliminate_two(
     front: &mut [f64],
     n: usize,
     k: usize,
     index: &[usize],
-    store: Store<'_>,
-    pivots: &mut Vec<Pivot>,
+    factors: &mut Factors,
     columns: &mut Vec<usize>,
 ) {
-    let (rows, multipliers) = store;
+    let Factors { pivots, rows, multipliers } = factors;
     let (a, b, d) = (front[k * n + k], front[k * n + k + 1], front[(k + 1) * n + k + 1]);
     let determinant = a * d - b * b;
     let inverse = [d / determinant, -b / determinant, a / determinant];

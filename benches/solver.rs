@@ -1,0 +1,175 @@
+//! What a solve costs, and what of it. `cargo bench --bench solver -- [part of a name]`
+//!
+//! The arm of Table 1 by the default scheme (Radau, 3 stages, 20 p unknowns or so), bounds a ≥ 0, μ = 0.2. Parts are timed at the start guess; `evaluation` is c, d, both
+//! Jacobians and ∇²L once, `factorisation` one of the KKT matrix, `qp` one sub-problem by its active set, `rank` both deficiencies, counted.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use divan::{Bencher, black_box};
+use sinew::guess::start_guess;
+use sinew::motion::{Measurement, MotionSettings};
+use sinew::nlp::active_set;
+use sinew::nlp::iterate::Iterate;
+use sinew::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::nlp::problem::{Curvature, Problem};
+use sinew::nlp::regularity::RankCounter;
+use sinew::nlp::sqp::{self, SqpSettings};
+use sinew::run::{RunOptions, run};
+use sinew::solve::{discretise, solve, transcribe};
+use sinew::study::Study;
+use sinew::transcription::collocation::Collocation;
+
+const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];
+
+fn main() {
+    divan::main();
+}
+
+fn study(name: &str) -> Study {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("studies").join(name);
+    Study::load(&path).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
+}
+
+/// The problem on so many points and its start guess, handed to `then`.
+fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
+    let study = study("mesh.toml");
+    let job = study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study");
+    let settings = &job.settings;
+    let motion = MotionSettings {
+        measurement_ratio: settings.measured_per_interval(),
+        smoothing_hz: settings.smoothing_hz,
+        noise_sd: 0.0,
+        seed: 1,
+        time_scale: 1.0,
+        changes: Vec::new(),
+    };
+    let measurement: Measurement = motion.measure(&study.motion, &study.model, points).unwrap();
+    let (instant, scheme) = discretise(&study.model, settings, points, study.motion.duration());
+    let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
+    let guess = start_guess(&study.model, scheme.as_ref(), points, &measurement).unwrap();
+    then(&problem, guess);
+}
+
+/// Transcription, start guess, SQP, polishing: everything but the ranks.
+#[divan::bench(args = POINTS, sample_count = 3)]
+fn whole_job(bencher: Bencher, points: usize) {
+    let mut study = study("mesh.toml");
+    let job = study.jobs.iter_mut().find(|job| job.points == points).unwrap();
+    job.settings.regularity = sinew::study::settings::RegularityMode::Off;
+    let (settings, points) = (job.settings.clone(), job.points);
+    bencher.bench_local(|| solve(&study.model, &study.motion, black_box(&settings), points));
+}
+
+#[divan::bench(args = POINTS, sample_count = 3)]
+fn sqp_only(bencher: Bencher, points: usize) {
+    with_problem(points, |problem, guess| {
+        bencher.bench_local(|| sqp::solve(problem, guess.clone(), SqpSettings::default()).iterations());
+    });
+}
+
+#[divan::bench(args = POINTS)]
+fn evaluation(bencher: Bencher, points: usize) {
+    with_problem(points, |problem, guess| {
+        let mut here = Iterate::new(problem, guess);
+        let mut hessian = problem.patterns()[2].clone();
+        bencher.bench_local(|| {
+            here.evaluate(problem);
+            here.differentiate(problem);
+            problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
+        });
+    });
+}
+
+#[divan::bench(args = POINTS)]
+fn factorisation(bencher: Bencher, points: usize) {
+    with_problem(points, |problem, guess| {
+        let here = Iterate::new(problem, guess);
+        let [mut hessian, mut metric] = [0, 1].map(|_| problem.patterns()[2].clone());
+        problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
+        problem.metric(&here.x, &mut metric);
+        let mut kkt = Kkt::new(problem);
+        let active = vec![false; here.inequalities.len()];
+        bencher.bench_local(|| {
+            kkt.factorise(&KktValues {
+                hessian: &hessian,
+                metric: &metric,
+                damping: 1e-2,
+                equalities: &here.equality_jacobian,
+                inequalities: &here.inequality_jacobian,
+                rows: Rows::Active(&active),
+            })
+        });
+    });
+}
+
+/// One sub-problem at the solution, from the active set there.
+#[divan::bench(args = POINTS, sample_count = 10)]
+fn qp(bencher: Bencher, points: usize) {
+    with_problem(points, |problem, guess| {
+        let here = sqp::solve(problem, guess, SqpSettings::default()).iterate;
+        let [mut hessian, mut metric] = [0, 1].map(|_| problem.patterns()[2].clone());
+        problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
+        problem.metric(&here.x, &mut metric);
+        let mut kkt = Kkt::new(problem);
+        let active = sinew::nlp::polish::active(&here.inequalities);
+        bencher.bench_local(|| active_set::solve(&mut kkt, &here, &hessian, &metric, &mut 1e-6, &active).is_ok());
+    });
+}
+
+#[divan::bench(args = POINTS, sample_count = 3)]
+fn rank(bencher: Bencher, points: usize) {
+    with_problem(points, |problem, guess| {
+        let here = Iterate::new(problem, guess);
+        let mut counter = RankCounter::new(problem);
+        bencher.bench_local(|| counter.deficiencies(&here, &[]));
+    });
+}
+
+/// Patterns, scatters and elimination order, once a problem shape.
+#[divan::bench(args = POINTS, sample_count = 10)]
+fn symbolic(bencher: Bencher, points: usize) {
+    with_problem(points, |problem, _| {
+        bencher.bench_local(|| Kkt::new(problem).order());
+    });
+}
+
+fn run_study(study: &Study, threads: usize) {
+    let folder = tempfile::tempdir().unwrap();
+    let options = RunOptions { out: folder.path().to_owned(), threads: Some(threads), fresh: true };
+    run(study, &options, &AtomicBool::new(false)).unwrap();
+}
+
+/// Table 1 as shipped: 12 jobs, ranks at every iteration.
+#[divan::bench(sample_count = 3)]
+fn table1(bencher: Bencher) {
+    let study = study("table1.toml");
+    bencher.bench_local(|| run_study(&study, 1));
+}
+
+/// The 12 jobs with ranks at the optimum only.
+#[divan::bench(sample_count = 3)]
+fn table1_ranks_at_optimum(bencher: Bencher) {
+    let mut study = study("table1.toml");
+    for job in &mut study.jobs {
+        job.settings.regularity = sinew::study::settings::RegularityMode::Optimum;
+    }
+    bencher.bench_local(|| run_study(&study, 1));
+}
+
+/// 1,000 jobs of the arm over μ at h = 0.1.
+#[divan::bench(args = [1, 2], sample_count = 1)]
+fn sweep_of_1000(bencher: Bencher, threads: usize) {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+    let text = format!(
+        "name = \"sweep\"\nmodel = \"{0}/models/arm.toml\"\nmotion = \"{0}/motions/arm_curl.csv\"\n\
+         [base]\nh = 0.1\nregularity = \"optimum\"\n\
+         [sweep.grid]\nmu = {{ from = 0.01, to = 10.0, count = 1000, scale = \"log\" }}\n",
+        data.display()
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sweep.toml");
+    std::fs::write(&path, text).unwrap();
+    let study = Study::load(&path).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)));
+    bencher.bench_local(|| run_study(&study, threads));
+}
