@@ -16,6 +16,7 @@
 //! guess.rs        start guess by inverse dynamics
 //! nlp/            SQP, active sets, regularity: knows no muscles
 //! numerics/       splines, sparse matrices, ranks: knows no biomechanics
+//! warm.rs         a solved problem as the start of another
 //! solution.rs     a solved problem → loads, errors, functions of time
 //! solve.rs        one job → outcome, the pipeline on one screen. No disk, no printing.
 //! outcome.rs      the rows that a job leaves
@@ -48,3 +49,4 @@ pub mod study;
 pub mod table1;
 pub mod tables;
 pub mod transcription;
+pub mod warm;

@@ -11,67 +11,102 @@ use crate::motion::{Measurement, MotionSettings, MotionTable};
 use crate::nlp::iterate::Iterate;
 use crate::nlp::polish::{ACTIVE, active, polish};
 use crate::nlp::regularity::{self, RankCounter};
-use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus};
+use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus, Start};
 use crate::outcome::{IterationRow, JobRow, MatrixRank, Outcome, RegularityRow, SpectrumRow, Status};
 use crate::solution::{self, Solution};
-use crate::study::settings::{Initial, LoadSharingGrid, RegularityMode, Scheme, Settings};
+use crate::study::settings::{Initial, LoadSharingGrid, RegularityMode, Scheme, Settings, WarmStart};
 use crate::transcription::collocation::{BoundKind, Collocation, Combination};
 use crate::transcription::instant::{ACTIVATION, Form, Instant};
 use crate::transcription::midpoint::Midpoint;
 use crate::transcription::prediction::{Setting, predict};
 use crate::transcription::radau::Radau;
 use crate::transcription::scheme::Discretisation;
+use crate::warm::Answer;
 
 /// Objectives closer than this (relative) with the same idle muscles are one optimum.
 const SAME_OPTIMUM: f64 = 1e-6;
 /// A null direction (of length 1) that moves a normalised muscle force by more than this moves loads.
 const MOVES_LOAD: f64 = 1e-6;
 
+/// Meshes of fewer intervals are not halved any more.
+const COARSE_INTERVALS: usize = 10;
+
 /// Solves one job on `points` collocation points.
 pub fn solve(model: &Model, table: &MotionTable, settings: &Settings, points: usize) -> Outcome {
-    let clock = Clock::now();
-    let mut outcome = solve_timed(model, table, settings, points, clock);
-    outcome.job.wall_s = Some(clock.elapsed().as_secs_f64());
-    outcome
+    solve_from(model, table, settings, points, None).0
 }
 
-fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: usize, clock: Clock) -> Outcome {
+/// [`solve`], started from the answer of another job; and what one may start from this. None where it has not converged.
+pub fn solve_from(
+    model: &Model,
+    table: &MotionTable,
+    settings: &Settings,
+    points: usize,
+    before: Option<&Answer>,
+) -> (Outcome, Option<Answer>) {
+    let clock = Clock::now();
+    let (mut outcome, answer) = solve_timed(model, table, settings, points, before, clock);
+    outcome.job.wall_s = Some(clock.elapsed().as_secs_f64());
+    (outcome, answer)
+}
+
+/// The answer on a mesh of half as many intervals, with a start of its own from half of those; none where that cannot be.
+fn coarser(model: &Model, table: &MotionTable, settings: &Settings, points: usize, clock: Clock) -> Option<Answer> {
+    let intervals = points - 1;
+    if settings.warm_start != WarmStart::Mesh || intervals % 2 == 1 || intervals / 2 < COARSE_INTERVALS {
+        return None;
+    }
+    let settings = Settings { starts: 1, regularity: RegularityMode::Off, trajectories: false, ..settings.clone() };
+    solve_timed(model, table, &settings, intervals / 2 + 1, None, clock).1
+}
+
+fn solve_timed(
+    model: &Model,
+    table: &MotionTable,
+    settings: &Settings,
+    points: usize,
+    before: Option<&Answer>,
+    clock: Clock,
+) -> (Outcome, Option<Answer>) {
     let measurement = match motion_settings(settings).measure(table, model, points) {
         Ok(measurement) => measurement,
         Err((time, gap)) => {
-            return Outcome::failed(
-                Status::Infeasible,
-                format!(
-                    "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small \
-                     change of the pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
-                    gap.joints.join(", "),
-                    gap.gap,
-                    gap.slope
-                ),
+            let reason = format!(
+                "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small \
+                 change of the pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
+                gap.joints.join(", "),
+                gap.gap,
+                gap.slope
             );
+            return (Outcome::failed(Status::Infeasible, reason), None);
         }
     };
     let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
-    let scheme = scheme.as_ref();
-    let problem = transcribe(&instant, scheme, &measurement, settings);
-    let Some(guess) = start_guess(model, scheme, points, &measurement) else {
-        return Outcome::failed(Status::NonFinite, "the start guess by inverse dynamics is not finite");
-    };
-
+    let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
     let sqp_settings = SqpSettings {
         max_iterations: settings.max_iterations,
         deadline: settings.time_limit_s.map(|limit| clock + Duration::from_secs_f64(limit)),
         ..SqpSettings::default()
     };
     let solved = Clock::now();
-    let runs: Vec<SqpOutcome> = (settings.first_start..settings.first_start + settings.starts)
-        .map(|k| sqp::solve(&problem, disturb(&guess, scheme, model, settings.seed, k), sqp_settings))
-        .collect();
+    let coarse = coarser(model, table, settings, points, clock);
+    // The start by inverse dynamics gives way to a better one.
+    let warm = before.or(coarse.as_ref()).map(|answer| answer.start(&problem, scheme.as_ref()));
+    let mut starts: Vec<Start> = warm.into_iter().collect();
+    if starts.len() < settings.starts {
+        let Some(guess) = start_guess(model, scheme.as_ref(), points, &measurement) else {
+            let reason = "the start guess by inverse dynamics is not finite";
+            return (Outcome::failed(Status::NonFinite, reason), None);
+        };
+        let rest = settings.first_start + starts.len()..settings.first_start + settings.starts;
+        starts.extend(rest.map(|k| disturb(&guess, scheme.as_ref(), model, settings.seed, k).into()));
+    }
+    let runs: Vec<SqpOutcome> = starts.into_iter().map(|start| sqp::solve(&problem, start, sqp_settings)).collect();
     let solve_s = solved.elapsed().as_secs_f64();
     let best = best(&runs);
     let run = &runs[best];
     if run.status == SqpStatus::NonFinite {
-        return Outcome::failed(Status::NonFinite, "a function or derivative is not finite along the way");
+        return (Outcome::failed(Status::NonFinite, "a function or derivative is not finite along the way"), None);
     }
 
     let ranked = Clock::now();
@@ -80,7 +115,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
     let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
     let good = ranked_at.kkt_error().largest() <= sqp_settings.target.max(run.iterate.kkt_error().largest());
     let point = if good { ranked_at } else { &run.iterate };
-    let solution = Solution { problem: &problem, scheme, measurement: &measurement, iterate: point };
+    let solution = Solution { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, iterate: point };
     let mut outcome = Outcome {
         job: JobRow {
             status: run.status.into(),
@@ -101,7 +136,7 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
     }
     outcome.iterations = iteration_rows(&problem, run, settings.regularity == RegularityMode::EveryIteration);
     if settings.regularity != RegularityMode::Off {
-        let setting = prediction_setting(model, scheme, &measurement, settings);
+        let setting = prediction_setting(model, scheme.as_ref(), &measurement, settings);
         if let Some((row, spectrum)) = regularity_rows(&problem, ranked_at, &setting) {
             // The last iterate is the solution: its count is the polished one.
             if let (Some(last), true) = (outcome.iterations.last_mut(), run.status == SqpStatus::Converged) {
@@ -111,7 +146,8 @@ fn solve_timed(model: &Model, table: &MotionTable, settings: &Settings, points: 
         }
     }
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
-    outcome
+    let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
+    (outcome, answer)
 }
 
 fn motion_settings(settings: &Settings) -> MotionSettings {

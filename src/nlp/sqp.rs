@@ -82,6 +82,20 @@ pub struct Record {
     pub qp_iterations: usize,
 }
 
+/// Where to begin: a point, and what is known of the multipliers there.
+#[derive(Clone, Debug, Default)]
+pub struct Start {
+    pub x: Vec<f64>,
+    /// λ, ν and the active inequalities, of a problem near this one.
+    pub multipliers: Option<(Vec<f64>, Vec<f64>, Vec<bool>)>,
+}
+
+impl From<Vec<f64>> for Start {
+    fn from(x: Vec<f64>) -> Self {
+        Self { x, multipliers: None }
+    }
+}
+
 #[derive(Clone, Debug)]
 pub struct SqpOutcome {
     pub status: SqpStatus,
@@ -156,7 +170,8 @@ struct Sqp<'p> {
 }
 
 /// Solves `problem` from `start`. Deterministic, one thread.
-pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> SqpOutcome {
+pub fn solve(problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettings) -> SqpOutcome {
+    let Start { x: start, multipliers } = start.into();
     let [_, _, pattern] = problem.patterns();
     let mut gauss_newton = pattern.clone();
     let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
@@ -166,7 +181,11 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
         Curvature::Exact,
         &mut gauss_newton,
     );
-    let here = Iterate::new(problem, start);
+    let mut here = Iterate::new(problem, start);
+    let active = multipliers.map(|(lambda, nu, active)| {
+        (here.equality_multipliers, here.inequality_multipliers) = (lambda, nu);
+        active
+    });
     let solver = Sqp {
         problem,
         settings,
@@ -177,7 +196,7 @@ pub fn solve(problem: &dyn Problem, start: Vec<f64>, settings: SqpSettings) -> S
         gauss_newton,
         filter: Filter::new(here.violation()),
         here,
-        active: None,
+        active,
         damping: FIRST_DAMPING,
         curved: false,
         most: MOST,

@@ -16,9 +16,10 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::outcome::{Outcome, Status};
-use crate::solve::solve;
+use crate::solve::solve_from;
 use crate::study::{Job, Study};
 use crate::tables::{self, schema};
+use crate::warm::Answer;
 use progress::Progress;
 use store::Store;
 
@@ -50,23 +51,23 @@ pub struct RunReport {
 /// # Errors
 /// If the folder or a file cannot be written. What was finished before stays on disk.
 pub fn run(study: &Study, options: &RunOptions, stop: &AtomicBool) -> Result<RunReport> {
-    run_with(study, options, stop, &|study, job| match study.model_of(job) {
-        Ok(model) => solve(&model, &study.motion, &job.settings, job.points),
-        Err(complaint) => Outcome::failed(Status::Invalid, complaint.message),
+    run_with(study, options, stop, &|study, job, before| match study.model_of(job) {
+        Ok(model) => solve_from(&model, &study.motion, &job.settings, job.points, before),
+        Err(complaint) => (Outcome::failed(Status::Invalid, complaint.message), None),
     })
 }
 
-/// [`run`] with another solver in place of [`solve`], for tests of the engine.
-pub fn run_with(
-    study: &Study,
-    options: &RunOptions,
-    stop: &AtomicBool,
-    solver: &(dyn Fn(&Study, &Job) -> Outcome + Sync),
-) -> Result<RunReport> {
+/// Solves a job, from the answer of the one before where there is one.
+pub type Solver<'s> = dyn Fn(&Study, &Job, Option<&Answer>) -> (Outcome, Option<Answer>) + Sync + 's;
+
+/// [`run`] with another solver in place of [`solve_from`], for tests of the engine.
+pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: &Solver<'_>) -> Result<RunReport> {
     std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
     let mut store = Store::open(&options.out, options.fresh)?;
-    let pending: Vec<&Job> = study.jobs.iter().filter(|job| store.get(&job.id).is_none()).collect();
-    let kept = study.jobs.len() - pending.len();
+    let is_pending: Vec<bool> = study.jobs.iter().map(|job| store.get(&job.id).is_none()).collect();
+    let pending = is_pending.iter().filter(|pending| **pending).count();
+    let kept = study.jobs.len() - pending;
+    let blocks: Vec<&[Job]> = study.jobs.chunk_by(|_, next| next.warm_start_from.is_some()).collect();
     if let Some(note) = store.version_note(study) {
         eprintln!("note: {note}");
     }
@@ -76,16 +77,27 @@ pub fn run_with(
         .thread_name(|i| format!("{WORKER}{i}"))
         .build()
         .map_err(|e| Error::io("start threads for", &options.out, std::io::Error::other(e)))?;
-    let mut progress = Progress::new(pending.len());
+    let mut progress = Progress::new(pending);
     let (send, receive) = mpsc::channel::<(&Job, Outcome)>();
     quiet_workers();
     let written = std::thread::scope(|scope| {
         scope.spawn(|| {
             pool.install(|| {
-                pending.par_iter().with_max_len(1).for_each_with(send, |send, job| {
-                    if !stop.load(Ordering::Relaxed) {
-                        // The receiver hangs up only when the disk fails; then nothing is left to say.
-                        let _ = send.send((job, contained(study, job, solver)));
+                blocks.par_iter().with_max_len(1).for_each_with(send, |send, block| {
+                    let last = block.iter().rposition(|job| is_pending[job.index]);
+                    let mut before = None;
+                    // A finished job that a pending one starts from is solved again, for its answer.
+                    for job in &block[..last.map_or(0, |last| last + 1)] {
+                        if stop.load(Ordering::Relaxed) {
+                            break;
+                        }
+                        let (mut outcome, answer) = contained(study, job, before.as_ref(), solver);
+                        outcome.job.warm_start_from = job.warm_start_from.clone().filter(|_| before.is_some());
+                        before = answer;
+                        if is_pending[job.index] {
+                            // The receiver hangs up only when the disk fails; then nothing is left to say.
+                            let _ = send.send((job, outcome));
+                        }
                     }
                 });
             });
@@ -118,14 +130,15 @@ pub fn run_with(
 }
 
 /// One job; a panic in it becomes its row.
-fn contained(study: &Study, job: &Job, solver: &(dyn Fn(&Study, &Job) -> Outcome + Sync)) -> Outcome {
-    catch_unwind(AssertUnwindSafe(|| solver(study, job))).unwrap_or_else(|payload| {
+fn contained(study: &Study, job: &Job, before: Option<&Answer>, solver: &Solver<'_>) -> (Outcome, Option<Answer>) {
+    catch_unwind(AssertUnwindSafe(|| solver(study, job, before))).unwrap_or_else(|payload| {
         let message = payload
             .downcast_ref::<String>()
             .map(String::as_str)
             .or_else(|| payload.downcast_ref::<&str>().copied())
             .unwrap_or("no message");
-        Outcome::failed(Status::Panicked, format!("the program failed inside this job (please report it): {message}"))
+        let reason = format!("the program failed inside this job (please report it): {message}");
+        (Outcome::failed(Status::Panicked, reason), None)
     })
 }
 

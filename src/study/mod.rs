@@ -14,10 +14,10 @@ use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
 use change::{ModelChange, changed_model, is_model_path};
-use settings::{Complaint, Settings, Value};
+use settings::{Complaint, Settings, Value, WarmStart};
 
 /// A part of every job's identity: raised when the meaning of a result changes.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 
 /// A study, checked and expanded.
 #[derive(Clone, Debug)]
@@ -48,6 +48,8 @@ pub struct Job {
     pub swept: Vec<(String, Value)>,
     /// Number of collocation points p.
     pub points: usize,
+    /// Id of the job before, if this one starts from its solution.
+    pub warm_start_from: Option<String>,
 }
 
 /// What a job's id is the hash of.
@@ -58,7 +60,11 @@ struct Identity<'a> {
     changes: &'a [ModelChange],
     model: &'a str,
     motion: &'a str,
+    warm_start_from: Option<&'a str>,
 }
+
+/// Most jobs that start from one another in a row: such a block is one piece of work.
+const BLOCK: usize = 16;
 
 const KEYS: [&str; 6] = ["name", "description", "model", "motion", "base", "sweep"];
 
@@ -130,7 +136,8 @@ impl Study {
         }
         let model_hash = canonical_hash(&model_table);
         let motion_hash = blake3::hash(motion_file.text.as_bytes()).to_hex().to_string();
-        let mut jobs = Vec::with_capacity(assignments.len());
+        let mut jobs: Vec<Job> = Vec::with_capacity(assignments.len());
+        let mut in_block = 0;
         for (index, swept) in assignments.into_iter().enumerate() {
             let mut settings = base.clone();
             let mut changes = base_changes.clone();
@@ -154,16 +161,25 @@ impl Study {
                     fail(if swept { swept_issue(&table, name, c) } else { complaint_at(&["base"], name, c) })
                 })?;
             }
+            let before = jobs.last().filter(|before| {
+                let others = axes.len().saturating_sub(1);
+                settings.warm_start == WarmStart::Neighbour
+                    && in_block < BLOCK
+                    && before.swept[..others] == swept[..others]
+            });
+            let warm_start_from = before.map(|job| job.id.clone());
+            in_block = if before.is_some() { in_block + 1 } else { 1 };
             let identity = Identity {
                 schema: SCHEMA_VERSION,
                 settings: &settings,
                 changes: &changes,
                 model: &model_hash,
                 motion: &motion_hash,
+                warm_start_from: warm_start_from.as_deref(),
             };
             let canonical = serde_json::to_vec(&identity).expect("settings are plain data");
             let id = blake3::hash(&canonical).to_hex()[..16].to_owned();
-            jobs.push(Job { id, index, settings, changes, swept, points });
+            jobs.push(Job { id, index, settings, changes, swept, points, warm_start_from });
         }
         let mut first = std::collections::HashMap::new();
         for job in &jobs {

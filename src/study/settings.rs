@@ -115,6 +115,18 @@ choices! {
 }
 
 choices! {
+    /// What a job starts from.
+    WarmStart {
+        /// Inverse dynamics.
+        Off = "off",
+        /// Its own solution on a mesh of half as many intervals, and that likewise, down to about ten.
+        Mesh = "mesh",
+        /// The solution of the job before it, where only the last axis differs.
+        Neighbour = "neighbour",
+    }
+}
+
+choices! {
     /// When ranks are taken.
     RegularityMode {
         EveryIteration = "every_iteration",
@@ -170,6 +182,7 @@ pub struct Settings {
     pub starts: usize,
     /// Number of the first of them; 0 is the one by inverse dynamics.
     pub first_start: usize,
+    pub warm_start: WarmStart,
     /// Of noise and of disturbed starts.
     pub seed: u64,
     pub regularity: RegularityMode,
@@ -199,6 +212,7 @@ impl Default for Settings {
             smoothing_hz: 0.0,
             starts: 1,
             first_start: 0,
+            warm_start: WarmStart::Off,
             seed: 1,
             regularity: RegularityMode::EveryIteration,
             trajectories: false,
@@ -227,6 +241,7 @@ pub const NAMES: &[&str] = &[
     "smoothing_hz",
     "starts",
     "first_start",
+    "warm_start",
     "seed",
     "regularity",
     "trajectories",
@@ -256,6 +271,7 @@ impl Settings {
             "smoothing_hz" => self.smoothing_hz = number(value, 0.0..=1e6, "a frequency in Hz, 0 for none")?,
             "starts" => self.starts = integer(value, 1..=100_000)? as usize,
             "first_start" => self.first_start = integer(value, 0..=1_000_000)? as usize,
+            "warm_start" => self.warm_start = choice(value, WarmStart::ALL, WarmStart::parse)?,
             "seed" => self.seed = integer(value, 0..=i64::MAX)? as u64,
             "regularity" => self.regularity = choice(value, RegularityMode::ALL, RegularityMode::parse)?,
             "trajectories" => {

@@ -69,6 +69,16 @@ pub struct Bound {
     pub point: usize,
 }
 
+/// The rows of a transcribed problem by what they are, so that multipliers find their way to another mesh.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    /// Collocation points, s.
+    pub times: Vec<f64>,
+    /// (collocation point, equation of [`Instant`]), or (none, number of the linear row).
+    pub equalities: Vec<(Option<usize>, usize)>,
+    pub inequalities: Vec<Bound>,
+}
+
 /// (local entry, slot in the sparse values, factor)
 type Scatter = Vec<(u32, u32, f64)>;
 
@@ -279,6 +289,18 @@ impl<'m> Collocation<'m> {
             force_scatter,
             activation_weight,
             units,
+        }
+    }
+
+    /// What each equality and inequality is: see [`Rows`].
+    pub fn rows(&self) -> Rows {
+        let linear = (0..self.layout.linear.len()).map(|row| (None, row));
+        let points = self.layout.points.iter().enumerate();
+        let equations = points.flat_map(|(j, point)| point.rows.iter().map(move |&row| (Some(j), row)));
+        Rows {
+            times: self.layout.times.clone(),
+            equalities: linear.chain(equations).collect(),
+            inequalities: self.bounds.clone(),
         }
     }
 

@@ -122,10 +122,10 @@ impl Radau {
         start + offset + i
     }
 
-    /// The interval that holds `t`, and the place in it, 0 … 1. The ends of intervals belong to the right one.
+    /// The interval that holds `t`, and the place in it, 0 … 1. The end of an interval, a point of its own, belongs to it.
     fn place(&self, t: f64) -> (usize, f64) {
         let last = self.breakpoints.len() - 2;
-        let k = self.breakpoints.partition_point(|&b| b <= t).saturating_sub(1).min(last);
+        let k = self.breakpoints.partition_point(|&b| b < t).saturating_sub(1).min(last);
         (k, (t - self.breakpoints[k]) / self.h)
     }
 

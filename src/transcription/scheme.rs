@@ -4,7 +4,7 @@ use super::collocation::{Combination, Layout};
 use super::instant::Instant;
 
 /// A finite-dimensional space of functions of time, and where the equations hold in it.
-pub trait Discretisation: Sync {
+pub trait Discretisation: Send + Sync {
     /// All collocation points, s, the start of the motion first; see [`Layout`] for what holds at which.
     fn points(&self) -> &[f64];
 
@@ -18,7 +18,7 @@ pub trait Discretisation: Sync {
     fn layout(&self, instant: &Instant<'_>) -> Layout;
 
     /// The local variables of [`Instant`] at any time, each as a combination of the decision vector. Where a
-    /// function jumps, its value to the right; where it has none, nothing.
+    /// function jumps, its value to the left.
     fn local_at(&self, instant: &Instant<'_>, t: f64) -> Vec<Combination>;
 
     /// Body coordinate `i`, or a derivative.

@@ -4,8 +4,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use sinew::outcome::{Outcome, Status};
 use sinew::run::{RunOptions, run, run_with};
-use sinew::solve::solve;
+use sinew::solve::{solve, solve_from};
+use sinew::study::{Job, Study};
 use sinew::tables::{Table, Values, read, schema};
+use sinew::warm::Answer;
 
 use super::support::{SMALL, folder, study};
 
@@ -44,9 +46,9 @@ fn a_panic_is_a_row_and_the_others_go_on() {
     let folder = folder(&[("study.toml", SMALL)]);
     let (_, study) = study(&folder);
     let out = folder.path().join("out");
-    let report = run_with(&study, &options(&out, 2), &AtomicBool::new(false), &|study, job| {
+    let report = run_with(&study, &options(&out, 2), &AtomicBool::new(false), &|study, job, before| {
         assert!(job.index != 2, "job number {}", job.index);
-        solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points)
+        solve_from(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points, before)
     })
     .unwrap();
     assert_eq!((report.finished, report.failed), (6, 1));
@@ -65,11 +67,11 @@ fn a_run_goes_on_where_it_was_cut_off() {
 
     // Stopped after two jobs, as by Ctrl-C.
     let (stop, done) = (AtomicBool::new(false), AtomicUsize::new(0));
-    let count = |study: &sinew::study::Study, job: &sinew::study::Job| -> Outcome {
+    let count = |study: &Study, job: &Job, before: Option<&Answer>| {
         if done.fetch_add(1, Ordering::Relaxed) + 1 == 2 {
             stop.store(true, Ordering::Relaxed);
         }
-        solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points)
+        solve_from(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points, before)
     };
     let report = run_with(&study, &options(&cut, 1), &stop, &count).unwrap();
     assert!(report.interrupted && report.finished == 2);
@@ -84,7 +86,8 @@ fn a_run_goes_on_where_it_was_cut_off() {
     assert_eq!(tables(&whole), tables(&cut));
 
     // Once more: nothing left to do.
-    let report = run_with(&study, &options(&cut, 2), &AtomicBool::new(false), &|_, _| panic!("nothing to do")).unwrap();
+    let report =
+        run_with(&study, &options(&cut, 2), &AtomicBool::new(false), &|_, _, _| panic!("nothing to do")).unwrap();
     assert_eq!((report.kept, report.failed), (6, 0));
 }
 
@@ -198,17 +201,47 @@ fn a_swept_value_replaces_the_fixed_one_and_factors_come_last() {
 }
 
 #[test]
+fn neighbours_start_from_one_another_and_a_cut_off_block_ends_alike() {
+    let text = SMALL.replace("h = 0.2", "h = 0.2\nwarm_start = 'neighbour'").replace(
+        "mu = [0.1, 0.2, 0.4]\nbounds = [\"activation\", \"both\"]",
+        "bounds = [\"activation\", \"both\"]\nmu = [0.1, 0.15, 0.2, 0.3]",
+    );
+    let folder = folder(&[("study.toml", &text)]);
+    let (_, study) = study(&folder);
+    let from = |i: usize| study.jobs[i].warm_start_from.as_deref();
+    assert_eq!((from(0), from(1), from(4)), (None, Some(study.jobs[0].id.as_str()), None));
+    let (whole, cut) = (folder.path().join("whole"), folder.path().join("cut"));
+    run(&study, &options(&whole, 2), &AtomicBool::new(false)).unwrap();
+    let jobs = read("jobs", &whole.join("jobs.parquet")).unwrap();
+    assert_eq!(jobs.text("warm_start_from", 2), from(2));
+    assert_eq!(jobs.text("warm_start_from", 4), None);
+    let iterations = |i: usize| jobs.integer("iterations", i).unwrap();
+    let warm: i64 = [1, 2, 3, 5, 6, 7].into_iter().map(iterations).sum();
+    assert!(warm <= 6 * 6, "{warm} iterations in six warm starts");
+    // The second half of each block again: the answers before are made anew.
+    std::fs::create_dir(&cut).unwrap();
+    let lines = std::fs::read_to_string(whole.join("finished.jsonl")).unwrap();
+    let is = |line: &str, i: usize| line.contains(&format!("\"job_id\":\"{}\"", study.jobs[i].id));
+    let kept: Vec<&str> = lines.lines().filter(|line| [0, 1, 4].iter().any(|&i| is(line, i))).collect();
+    let kept = kept.join("\n") + "\n";
+    std::fs::write(cut.join("finished.jsonl"), kept).unwrap();
+    let report = run(&study, &options(&cut, 1), &AtomicBool::new(false)).unwrap();
+    assert_eq!((report.kept, report.finished), (3, 8));
+    assert_eq!(tables(&whole), tables(&cut));
+}
+
+#[test]
 fn two_runs_do_not_share_a_folder() {
     let folder = folder(&[("study.toml", SMALL)]);
     let (_, study) = study(&folder);
     let out = folder.path().join("out");
     let inner = std::sync::Mutex::new(None);
-    run_with(&study, &options(&out, 1), &AtomicBool::new(false), &|study, job| {
+    run_with(&study, &options(&out, 1), &AtomicBool::new(false), &|study, job, _| {
         if job.index == 0 {
             let second = run(study, &options(&out, 1), &AtomicBool::new(false));
             *inner.lock().unwrap() = Some(second.unwrap_err().to_string());
         }
-        Outcome::failed(Status::Invalid, "not solved in this test")
+        (Outcome::failed(Status::Invalid, "not solved in this test"), None)
     })
     .unwrap();
     assert!(inner.into_inner().unwrap().unwrap().contains("another run is at work"));
