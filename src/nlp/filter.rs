@@ -35,14 +35,10 @@ impl Filter {
         if !trial_violation.is_finite() || !trial_objective.is_finite() || trial_violation > self.ceiling {
             return Verdict::Rejected;
         }
-        let noise = 10.0 * f64::EPSILON * objective.abs();
-        if !self
-            .entries
-            .iter()
-            .all(|&(v, o)| trial_violation <= (1.0 - MARGIN) * v || trial_objective <= o - MARGIN * v + noise)
-        {
+        if !self.allows(trial) {
             return Verdict::Rejected;
         }
+        let noise = noise(objective);
         let switching = slope < 0.0 && alpha * (-slope).powf(2.3) > violation.powf(1.1);
         if violation <= self.floor && switching {
             if trial_objective <= objective + ARMIJO * alpha * slope + noise {
@@ -59,9 +55,21 @@ impl Filter {
         }
     }
 
+    /// Whether (θ, f) improves on every pair met before.
+    pub fn allows(&self, (violation, objective): (f64, f64)) -> bool {
+        let better =
+            |&(v, o): &(f64, f64)| violation <= (1.0 - MARGIN) * v || objective <= o - MARGIN * v + noise(objective);
+        self.entries.iter().all(better)
+    }
+
     /// Adds the pair that a progress step left behind.
     pub fn add(&mut self, here: (f64, f64)) {
         self.entries.retain(|&(v, o)| v < here.0 || o < here.1);
         self.entries.push(here);
     }
+}
+
+/// What rounding may do to an objective.
+fn noise(objective: f64) -> f64 {
+    10.0 * f64::EPSILON * objective.abs()
 }

@@ -634,7 +634,12 @@ impl Sqp<'_> {
         if self.here.violation() > goal {
             return Err(SqpStatus::Stalled);
         }
-        self.filter.add((start.violation(), start.objective));
+        // A filter that will not have the restored point would have nothing near it either: it begins anew.
+        if self.filter.allows((self.here.violation(), self.here.objective)) {
+            self.filter.add((start.violation(), start.objective));
+        } else {
+            self.filter = Filter::new(self.here.violation());
+        }
         self.here.equality_multipliers.fill(0.0);
         self.here.inequality_multipliers.fill(0.0);
         self.active = None;
