@@ -18,6 +18,7 @@ use sinew::nlp::sqp::{self, SqpSettings};
 use sinew::run::{RunOptions, run};
 use sinew::solve::{discretise, solve, transcribe};
 use sinew::study::Study;
+use sinew::study::settings::{RegularityMode, Settings};
 use sinew::transcription::collocation::Collocation;
 
 const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];
@@ -31,11 +32,7 @@ fn study(name: &str) -> Study {
     Study::load(&path).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
 }
 
-/// The problem on so many points and its start guess, handed to `then`.
-fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
-    let study = study("mesh.toml");
-    let job = study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study");
-    let settings = &job.settings;
+fn measured(study: &Study, settings: &Settings, points: usize) -> Measurement {
     let motion = MotionSettings {
         measurement_ratio: settings.measured_per_interval(),
         smoothing_hz: settings.smoothing_hz,
@@ -44,7 +41,15 @@ fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
         time_scale: 1.0,
         changes: Vec::new(),
     };
-    let measurement: Measurement = motion.measure(&study.motion, &study.model, points).unwrap();
+    motion.measure(&study.motion, &study.model, points).unwrap()
+}
+
+/// The problem on so many points and its start guess, handed to `then`.
+fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
+    let study = study("mesh.toml");
+    let job = study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study");
+    let settings = &job.settings;
+    let measurement = measured(&study, settings, points);
     let (instant, scheme) = discretise(&study.model, settings, points, study.motion.duration());
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
     let guess = start_guess(&study.model, scheme.as_ref(), points, &measurement).unwrap();
@@ -56,7 +61,7 @@ fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
 fn whole_job(bencher: Bencher, points: usize) {
     let mut study = study("mesh.toml");
     let job = study.jobs.iter_mut().find(|job| job.points == points).unwrap();
-    job.settings.regularity = sinew::study::settings::RegularityMode::Off;
+    job.settings.regularity = RegularityMode::Off;
     let (settings, points) = (job.settings.clone(), job.points);
     bencher.bench_local(|| solve(&study.model, &study.motion, black_box(&settings), points));
 }
@@ -126,12 +131,31 @@ fn rank(bencher: Bencher, points: usize) {
     });
 }
 
-/// Patterns, scatters and elimination order, once a problem shape.
+/// Patterns and where each derivative goes in them: [`transcribe`].
+#[divan::bench(args = POINTS, sample_count = 10)]
+fn transcription(bencher: Bencher, points: usize) {
+    let study = study("mesh.toml");
+    let job = study.jobs.iter().find(|job| job.points == points).unwrap();
+    let measurement = measured(&study, &job.settings, points);
+    let (instant, scheme) = discretise(&study.model, &job.settings, points, study.motion.duration());
+    bencher.bench_local(|| transcribe(&instant, scheme.as_ref(), &measurement, &job.settings));
+}
+
+/// Elimination order of the KKT matrix.
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn symbolic(bencher: Bencher, points: usize) {
     with_problem(points, |problem, _| {
         bencher.bench_local(|| Kkt::new(problem).order());
     });
+}
+
+#[divan::bench(args = POINTS, sample_count = 10)]
+fn guess(bencher: Bencher, points: usize) {
+    let study = study("mesh.toml");
+    let job = study.jobs.iter().find(|job| job.points == points).unwrap();
+    let measurement = measured(&study, &job.settings, points);
+    let (_, scheme) = discretise(&study.model, &job.settings, points, study.motion.duration());
+    bencher.bench_local(|| start_guess(&study.model, scheme.as_ref(), points, &measurement));
 }
 
 fn run_study(study: &Study, threads: usize) {
@@ -152,7 +176,7 @@ fn table1(bencher: Bencher) {
 fn table1_ranks_at_optimum(bencher: Bencher) {
     let mut study = study("table1.toml");
     for job in &mut study.jobs {
-        job.settings.regularity = sinew::study::settings::RegularityMode::Optimum;
+        job.settings.regularity = RegularityMode::Optimum;
     }
     bencher.bench_local(|| run_study(&study, 1));
 }

@@ -9,6 +9,7 @@ use crate::guess::start_guess;
 use crate::model::Model;
 use crate::motion::{Measurement, MotionSettings, MotionTable};
 use crate::nlp::iterate::Iterate;
+use crate::nlp::kkt::Kkt;
 use crate::nlp::polish::{ACTIVE, active, polish};
 use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus, Start};
@@ -101,7 +102,9 @@ fn solve_timed(
         let rest = settings.first_start + starts.len()..settings.first_start + settings.starts;
         starts.extend(rest.map(|k| disturb(&guess, scheme.as_ref(), model, settings.seed, k).into()));
     }
-    let runs: Vec<SqpOutcome> = starts.into_iter().map(|start| sqp::solve(&problem, start, sqp_settings)).collect();
+    let mut kkt = Kkt::new(&problem);
+    let solve = |start| sqp::solve_with(&mut kkt, &problem, start, sqp_settings);
+    let runs: Vec<SqpOutcome> = starts.into_iter().map(solve).collect();
     let solve_s = solved.elapsed().as_secs_f64();
     let best = best(&runs);
     let run = &runs[best];
@@ -134,10 +137,12 @@ fn solve_timed(
     if settings.trajectories {
         outcome.trajectories = solution.trajectory_rows();
     }
-    outcome.iterations = iteration_rows(&problem, run, settings.regularity == RegularityMode::EveryIteration);
-    if settings.regularity != RegularityMode::Off {
+    let mut counter = (settings.regularity != RegularityMode::Off).then(|| RankCounter::new(&problem));
+    let every = counter.as_mut().filter(|_| settings.regularity == RegularityMode::EveryIteration);
+    outcome.iterations = iteration_rows(&problem, run, every);
+    if let Some(counter) = &mut counter {
         let setting = prediction_setting(model, scheme.as_ref(), &measurement, settings);
-        if let Some((row, spectrum)) = regularity_rows(&problem, ranked_at, &setting) {
+        if let Some((row, spectrum)) = regularity_rows(counter, &problem, ranked_at, &setting) {
             // The last iterate is the solution: its count is the polished one.
             if let (Some(last), true) = (outcome.iterations.last_mut(), run.status == SqpStatus::Converged) {
                 (last.deficiency_a, last.deficiency_aj) = (Some(row.a.deficiency), Some(row.aj.deficiency));
@@ -347,9 +352,12 @@ fn active_rows(problem: &Collocation<'_>, iterate: &Iterate) -> (Vec<usize>, Vec
     (0..active.len()).filter(|&row| active[row]).partition(|&row| problem.bounds[row].kind != BoundKind::Force)
 }
 
-fn iteration_rows(problem: &Collocation<'_>, run: &SqpOutcome, ranks: bool) -> Vec<IterationRow> {
+fn iteration_rows(
+    problem: &Collocation<'_>,
+    run: &SqpOutcome,
+    mut counter: Option<&mut RankCounter>,
+) -> Vec<IterationRow> {
     let solution = &run.iterate.x;
-    let mut counter = ranks.then(|| RankCounter::new(problem));
     run.trace
         .iter()
         .enumerate()
@@ -377,18 +385,19 @@ fn iteration_rows(problem: &Collocation<'_>, run: &SqpOutcome, ranks: bool) -> V
 
 /// Ranks at a polished point, beside what the pattern of active bounds predicts.
 fn regularity_rows(
+    counter: &mut RankCounter,
     problem: &Collocation<'_>,
     point: &Iterate,
     setting: &Setting,
 ) -> Option<(RegularityRow, Vec<SpectrumRow>)> {
     let (bounds, force) = active_rows(problem, point);
-    let found = regularity::analyse(problem, point, &bounds)?;
+    let found = regularity::analyse(counter, problem, point, &bounds)?;
     let with_force = if force.is_empty() {
         (found.a.deficiency, found.aj.deficiency)
     } else {
         let mut all = bounds.clone();
         all.extend(&force);
-        RankCounter::new(problem).deficiencies(point, &all)?
+        counter.deficiencies(point, &all)?
     };
     let predicted = predict(problem, &point.x, &bounds, setting);
     let row = |spectrum: &regularity::Spectrum, predicted: Option<usize>| MatrixRank {

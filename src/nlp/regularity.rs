@@ -115,30 +115,26 @@ pub struct Regularity {
 }
 
 /// The ranks at `iterate` with the inequality rows `active`: dense up to [`DENSE_UNKNOWNS`], else counted. `None` if not finite.
-pub fn analyse(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
+pub fn analyse(
+    counter: &mut RankCounter,
+    problem: &dyn Problem,
+    iterate: &Iterate,
+    active: &[usize],
+) -> Option<Regularity> {
     if iterate.x.len() <= DENSE_UNKNOWNS {
         analyse_dense(problem, iterate, active)
     } else {
-        RankCounter::new(problem).analyse(iterate, active)
+        counter.analyse(iterate, active)
     }
 }
 
 /// The ranks by singular value decomposition.
 pub fn analyse_dense(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
     let a = stack(iterate, active, None);
-    let mut aj = stack(iterate, active, Some(problem.residual_jacobian()));
+    let aj = stack(iterate, active, Some(problem.residual_jacobian()));
     let n = iterate.x.len();
     let rank_a = rank::by_svd(&a)?;
-    let rank_aj = rank::by_svd(&aj)?;
-    let mut null_directions = Vec::new();
-    if rank_aj.rank < n {
-        if aj.nrows() < n {
-            aj.resize_with(n, n, |_, _| 0.0);
-        }
-        let svd = aj.thin_svd().ok()?;
-        let v = svd.V();
-        null_directions = (rank_aj.rank..n).map(|k| (0..n).map(|i| v[(i, k)]).collect()).collect();
-    }
+    let (rank_aj, null_directions) = rank::with_null_space(&aj)?;
     Some(Regularity { a: Spectrum::dense(&rank_a, a.nrows()), aj: Spectrum::dense(&rank_aj, n), null_directions })
 }
 

@@ -148,7 +148,7 @@ struct Accepted {
 struct Sqp<'p> {
     problem: &'p dyn Problem,
     settings: SqpSettings,
-    kkt: Kkt,
+    kkt: &'p mut Kkt,
     hessian: Sparse,
     /// A positive semidefinite matrix near the Hessian.
     convex: Sparse,
@@ -171,6 +171,11 @@ struct Sqp<'p> {
 
 /// Solves `problem` from `start`. Deterministic, one thread.
 pub fn solve(problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettings) -> SqpOutcome {
+    solve_with(&mut Kkt::new(problem), problem, start, settings)
+}
+
+/// [`solve`] with the symbolic factorisation of this problem at hand.
+pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettings) -> SqpOutcome {
     let Start { x: start, multipliers } = start.into();
     let [_, _, pattern] = problem.patterns();
     let mut gauss_newton = pattern.clone();
@@ -189,7 +194,7 @@ pub fn solve(problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettin
     let solver = Sqp {
         problem,
         settings,
-        kkt: Kkt::new(problem),
+        kkt,
         hessian: pattern.clone(),
         convex: pattern.clone(),
         metric: pattern.clone(),
@@ -326,7 +331,7 @@ impl Sqp<'_> {
         self.convexified = false;
         if let Some(guess) = &self.active {
             let mut exact = *damping;
-            let found = active_set::solve(&mut self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
+            let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
             if let Ok(step) = found {
                 self.factorisations += step.factorisations;
                 *damping = exact;
@@ -344,13 +349,13 @@ impl Sqp<'_> {
                     }
                 };
                 let mut delta = *damping;
-                let found = interior_point::solve(&mut self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
+                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
                 let Ok(mut step) = found else { continue };
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = *damping;
                 if delta > less && curvature == Curvature::Exact {
                     let guess = &step.active;
-                    let found = active_set::solve(&mut self.kkt, &self.here, hessian, &self.metric, &mut less, guess);
+                    let found = active_set::solve(self.kkt, &self.here, hessian, &self.metric, &mut less, guess);
                     if let Ok(better) = found
                         && less < delta
                     {

@@ -40,6 +40,28 @@ pub fn by_svd(matrix: &Mat<f64>) -> Option<Rank> {
     Some(Rank { rows, columns, rank, tolerance, singular_values })
 }
 
+/// [`by_svd`], and an orthonormal basis of the null space.
+pub fn with_null_space(matrix: &Mat<f64>) -> Option<(Rank, Vec<Vec<f64>>)> {
+    let (rows, columns) = (matrix.nrows(), matrix.ncols());
+    if rows == 0 || columns == 0 || !matrix.is_all_finite() {
+        return by_svd(matrix).map(|rank| (rank, Vec::new()));
+    }
+    // M = Q R: R has the singular values and the right singular vectors of M, and no more rows than columns.
+    let reduced = Qr::new(matrix.as_ref());
+    let mut r = Mat::zeros(columns, columns);
+    r.submatrix_mut(0, 0, rows.min(columns), columns).copy_from(reduced.thin_R());
+    let singular_values: Vec<f64> = r.singular_values().ok()?.into_iter().take(rows.min(columns)).collect();
+    let tolerance = tolerance(rows, columns, singular_values[0]);
+    let rank = singular_values.iter().filter(|&&s| s > tolerance).count();
+    let mut null_space = Vec::new();
+    if rank < columns {
+        let svd = r.svd().ok()?;
+        let v = svd.V();
+        null_space = (rank..columns).map(|k| (0..columns).map(|i| v[(i, k)]).collect()).collect();
+    }
+    Some((Rank { rows, columns, rank, tolerance, singular_values }, null_space))
+}
+
 /// Rank by QR with column pivoting: several times cheaper than [`by_svd`], and another factorisation.
 /// Counts the diagonal of R above `max(rows, columns) · ε · |R₁₁|`.
 pub fn by_pivoted_qr(matrix: &Mat<f64>) -> Option<usize> {

@@ -1,7 +1,5 @@
 //! Compressed sparse columns with a pattern that is built once and values that are written many times.
 
-use std::collections::BTreeMap;
-
 /// A sparse matrix, columns compressed, row indices increasing within a column. Explicit zeros stay.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sparse {
@@ -18,39 +16,45 @@ pub struct Sparse {
 pub struct Pattern {
     rows: usize,
     columns: usize,
-    entries: BTreeMap<(usize, usize), usize>,
+    /// (column, row) of what was added; after [`Pattern::build`] in order and once each.
+    entries: Vec<(u32, u32)>,
+    column_start: Vec<usize>,
 }
 
 impl Pattern {
     pub fn new(rows: usize, columns: usize) -> Self {
-        Self { rows, columns, entries: BTreeMap::new() }
+        Self { rows, columns, entries: Vec::new(), column_start: Vec::new() }
     }
 
     /// Adds a position; adding it again changes nothing.
     pub fn add(&mut self, row: usize, column: usize) {
         debug_assert!(row < self.rows && column < self.columns);
-        self.entries.insert((column, row), 0);
+        self.entries.push((column as u32, row as u32));
     }
 
     /// The matrix of zeros with this pattern. After this, [`Pattern::slot`] is valid.
     pub fn build(&mut self) -> Sparse {
-        let mut column_start = vec![0; self.columns + 1];
-        let mut row_index = Vec::with_capacity(self.entries.len());
-        for (slot, (&(column, row), place)) in self.entries.iter_mut().enumerate() {
-            *place = slot;
-            row_index.push(row);
-            column_start[column + 1] += 1;
-        }
+        self.entries.sort_unstable();
+        self.entries.dedup();
+        self.column_start = vec![0; self.columns + 1];
+        self.entries.iter().for_each(|&(column, _)| self.column_start[column as usize + 1] += 1);
         for column in 0..self.columns {
-            column_start[column + 1] += column_start[column];
+            self.column_start[column + 1] += self.column_start[column];
         }
-        let values = vec![0.0; row_index.len()];
-        Sparse { rows: self.rows, columns: self.columns, column_start, row_index, values }
+        Sparse {
+            rows: self.rows,
+            columns: self.columns,
+            column_start: self.column_start.clone(),
+            row_index: self.entries.iter().map(|&(_, row)| row as usize).collect(),
+            values: vec![0.0; self.entries.len()],
+        }
     }
 
     /// The index in `values` of an added position.
     pub fn slot(&self, row: usize, column: usize) -> usize {
-        self.entries[&(column, row)]
+        let (from, to) = (self.column_start[column], self.column_start[column + 1]);
+        let place = self.entries[from..to].binary_search_by_key(&(row as u32), |&(_, row)| row);
+        from + place.expect("a position that was added")
     }
 }
 

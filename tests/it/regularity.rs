@@ -78,7 +78,7 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
                 })
                 .collect();
             let iterate = Iterate::new(&problem, x);
-            let found = regularity::analyse(&problem, &iterate, &active).unwrap();
+            let found = regularity::analyse_dense(&problem, &iterate, &active).unwrap();
             let setting = prediction_setting(&model, &scheme, &measurement, &settings);
             let predicted = predict(&problem, &iterate.x, &active, &setting);
             assert_eq!(Some(found.a.deficiency), predicted.a, "A, p = {points}, round {round}");
@@ -112,7 +112,7 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
         }
     }
     let iterate = Iterate::new(&problem, x);
-    let found = regularity::analyse(&problem, &iterate, &[]).unwrap();
+    let found = regularity::analyse_dense(&problem, &iterate, &[]).unwrap();
     assert_eq!(found.aj.deficiency, 28);
     let setting = prediction_setting(&model, &scheme, &measurement, &settings);
     assert_eq!(predict(&problem, &iterate.x, &[], &setting).aj, Some(28));
