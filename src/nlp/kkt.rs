@@ -19,8 +19,10 @@ use crate::numerics::sparse::{Pattern, Sparse};
 pub use crate::numerics::staged::Inertia;
 use crate::numerics::staged::StagedLdl;
 
-/// ε of the variables and of the constraints, against entries of order one.
-const PRIMAL: f64 = 1e-16;
+/// ε of the variables: this share of δ, within these limits.
+const PRIMAL: f64 = 0.1;
+const PRIMAL_RANGE: (f64, f64) = (1e-18, 1e-14);
+/// ε of the constraints, against entries of order one.
 const DUAL: f64 = 1e-11;
 const REFINEMENTS: usize = 10;
 
@@ -130,8 +132,9 @@ impl Kkt {
             matrix[self.diagonal_slots[n + me + row]] = diagonal;
         }
         self.regularised.values.copy_from_slice(matrix);
+        let primal = (PRIMAL * values.damping).clamp(PRIMAL_RANGE.0, PRIMAL_RANGE.1);
         for (i, &slot) in self.diagonal_slots.iter().enumerate() {
-            self.regularised.values[slot] += if i < n { PRIMAL } else { -DUAL };
+            self.regularised.values[slot] += if i < n { primal } else { -DUAL };
         }
         self.factors.factorise(&self.regularised.values)
     }

@@ -114,6 +114,10 @@ impl SqpOutcome {
 
 /// Iterations that do not halve the KKT error before a point within the tolerance is good enough.
 const PATIENCE: usize = 30;
+/// Least δ, and after how many such iterations it gives way to an even smaller one. A δ however small keeps muscles that run away from
+/// running further than it takes.
+const USUAL_FLOOR: f64 = 1e-13;
+const IMPATIENCE: usize = 5;
 const FIRST_DAMPING: f64 = 1e-2;
 /// Δ of the proximal term in Clarabel's sub-problem.
 const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e6);
@@ -137,6 +141,8 @@ const DAMPING_PER_ERROR: f64 = 1e-3;
 const RESTORATIONS: usize = 60;
 /// How often a step that creeps is made twice as long.
 const DOUBLINGS: usize = 16;
+/// δ below this shortens no step.
+const SHORTENING: f64 = 1e-6;
 
 /// A trial point that was accepted.
 struct Accepted {
@@ -160,6 +166,8 @@ struct Sqp<'p> {
     active: Option<Vec<bool>>,
     /// δ
     damping: f64,
+    /// Least δ.
+    floor: f64,
     /// Whether the last sub-problem had to raise δ against negative curvature.
     curved: bool,
     /// How far the interior point may raise δ for the exact Hessian.
@@ -203,6 +211,7 @@ pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>,
         here,
         active,
         damping: FIRST_DAMPING,
+        floor: USUAL_FLOOR,
         curved: false,
         most: MOST,
         convexified: false,
@@ -227,7 +236,9 @@ impl Sqp<'_> {
             if error.largest() < 0.5 * halved {
                 (halved, since) = (error.largest(), trace.len() - 1);
             }
-            let creeps = trace.len() - 1 - since >= PATIENCE;
+            let idle = trace.len() - 1 - since;
+            self.floor = if idle >= IMPATIENCE { SMALLEST_DAMPING } else { USUAL_FLOOR };
+            let creeps = idle >= PATIENCE;
             if let Some(status) = self.is_over(error, trace.len() - 1, creeps) {
                 break status;
             }
@@ -275,7 +286,7 @@ impl Sqp<'_> {
         let before = (self.here.violation(), self.here.objective);
         if !self.curved {
             let most = (DAMPING_PER_ERROR * error.largest()).max(FALL * self.damping);
-            self.damping = self.damping.min(most).max(SMALLEST_DAMPING);
+            self.damping = self.damping.min(most).max(self.floor);
         }
         for attempt in 0..ATTEMPTS {
             if self.is_late() {
@@ -310,11 +321,11 @@ impl Sqp<'_> {
             }
             self.curved = damping > self.damping;
             let whole = accepted.fraction == 1.0;
-            self.damping = if whole && attempt == 0 { (LOWER * damping).max(SMALLEST_DAMPING) } else { damping };
+            self.damping = if whole && attempt == 0 { (LOWER * damping).max(self.floor) } else { damping };
             let direction = step.direction.clone();
             self.take(step, accepted, leaps, record);
             let creeps = error.largest() < 1.0 && self.here.kkt_error().largest() > CREEPING * error.largest();
-            if creeps && whole {
+            if creeps && whole && damping > SHORTENING {
                 self.extend(&direction, damping, record);
             }
             if self.convexified {
