@@ -18,6 +18,7 @@
 //! numerics/       splines, sparse matrices, ranks: knows no biomechanics
 //! warm.rs         a solved problem as the start of another
 //! solution.rs     a solved problem → loads, errors, functions of time
+//! uniqueness.rs   how far an answer that is not unique may move; sensitivities
 //! solve.rs        one job → outcome, the pipeline on one screen. No disk, no printing.
 //! outcome.rs      the rows that a job leaves
 //! run/            jobs in parallel, kept as they finish
@@ -49,4 +50,5 @@ pub mod study;
 pub mod table1;
 pub mod tables;
 pub mod transcription;
+pub mod uniqueness;
 pub mod warm;

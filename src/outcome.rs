@@ -66,6 +66,7 @@ pub struct Outcome {
     pub iterations: Vec<IterationRow>,
     pub muscles: Vec<MuscleRow>,
     pub spectrum: Vec<SpectrumRow>,
+    pub sensitivities: Vec<SensitivityRow>,
     pub trajectories: Vec<TrajectoryRow>,
 }
 
@@ -170,6 +171,8 @@ pub struct RegularityRow {
     pub unique: bool,
     /// No direction that changes neither constraints nor residuals moves a muscle's force at a collocation point.
     pub loads_unique: bool,
+    /// What the directions are made of that change neither constraints nor residuals.
+    pub null_space: Option<String>,
 }
 
 /// Rank of A or of [Aᵀ Jᵀ].
@@ -206,6 +209,9 @@ pub struct IterationRow {
 pub struct MuscleRow {
     pub muscle: String,
     pub mean_activation: f64,
+    /// The interval of the mean activation over all answers that are as good to first order.
+    pub mean_activation_low: Option<f64>,
+    pub mean_activation_high: Option<f64>,
     pub peak_activation: f64,
     pub mean_force_n: f64,
     pub peak_force_n: f64,
@@ -218,6 +224,19 @@ pub struct MuscleRow {
     /// Share of inner points where the fibre velocity turns from rising to falling or back.
     pub direction_changes: f64,
     pub peak_fibre_velocity_per_s: f64,
+}
+
+/// How a muscle's mean force follows a parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensitivityRow {
+    pub muscle: String,
+    /// `mu`, or the path of a number of the model.
+    pub parameter: String,
+    pub parameter_value: f64,
+    /// N per unit of the parameter.
+    pub mean_force_slope: f64,
+    /// Per cent of force per per cent of parameter; null for a force of zero.
+    pub elasticity: Option<f64>,
 }
 
 /// One singular value near the cut.

@@ -7,7 +7,7 @@ use crate::nlp::polish::active;
 use crate::nlp::problem::Problem;
 use crate::numerics::larger;
 use crate::outcome::{JobRow, MuscleRow, Status, TrajectoryRow};
-use crate::transcription::collocation::{BoundKind, Collocation, evaluate};
+use crate::transcription::collocation::{BoundKind, Collocation, Combination, evaluate};
 use crate::transcription::instant::{ACTIVATION, EXCITATION, Form, LENGTH, VELOCITY};
 use crate::transcription::scheme::Discretisation;
 
@@ -155,15 +155,56 @@ impl Solution<'_> {
         worst
     }
 
-    /// ∫ over the motion by Gauss' rule with four points on each polynomial piece: exact to degree 7.
+    /// ∫ over the motion.
     fn integrate(&self, f: impl Fn(f64) -> f64) -> f64 {
+        self.quadrature().map(|(t, weight)| weight * f(t)).sum()
+    }
+
+    /// Gauss' rule with four points on each polynomial piece, exact to degree 7: instants and weights, s.
+    fn quadrature(&self) -> impl Iterator<Item = (f64, f64)> {
         let (near, far) = (0.339_981_043_584_856_3, 0.861_136_311_594_052_6);
         let rule = [(near, 0.652_145_154_862_546_1), (far, 0.347_854_845_137_453_9)];
-        let piece = |w: &[f64]| {
+        self.scheme.breakpoints().windows(2).flat_map(move |w| {
             let (middle, half) = (0.5 * (w[0] + w[1]), 0.5 * (w[1] - w[0]));
-            rule.iter().map(|(x, b)| half * b * (f(middle - half * x) + f(middle + half * x))).sum::<f64>()
-        };
-        self.scheme.breakpoints().windows(2).map(piece).sum()
+            rule.into_iter().flat_map(move |(x, b)| [(middle - half * x, half * b), (middle + half * x, half * b)])
+        })
+    }
+
+    /// Each muscle's mean activation as a combination of x.
+    pub fn mean_activations(&self) -> Vec<Combination> {
+        let duration = self.duration();
+        (0..self.model().muscles.len())
+            .map(|m| {
+                let mut weights = std::collections::BTreeMap::new();
+                for (t, weight) in self.quadrature() {
+                    for (i, w) in self.scheme.activation_at(t, m) {
+                        *weights.entry(i).or_insert(0.0) += weight * w / duration;
+                    }
+                }
+                weights.into_iter().collect()
+            })
+            .collect()
+    }
+
+    /// How the mean force (N) of each muscle changes along a direction.
+    pub fn mean_force_slopes(&self, direction: &[f64]) -> Vec<f64> {
+        let instant = &self.problem.instant;
+        let duration = self.duration();
+        let mut slopes = vec![0.0; self.model().muscles.len()];
+        for (j, weight) in self.scheme.quadrature().into_iter().enumerate() {
+            if !self.problem.layout.points[j].complete {
+                continue;
+            }
+            let z = self.problem.local(j, &self.iterate.x);
+            let dz = self.problem.local(j, direction);
+            for (m, muscle) in self.model().muscles.iter().enumerate() {
+                let at = instant.muscle(m);
+                let force = muscle.fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]);
+                let change: f64 = force.gradient.iter().zip(&dz[at..at + 3]).map(|(g, d)| g * d).sum();
+                slopes[m] += weight / duration * muscle.max_isometric_force * change;
+            }
+        }
+        slopes
     }
 
     pub fn muscle_rows(&self) -> Vec<MuscleRow> {
@@ -188,6 +229,8 @@ impl Solution<'_> {
                 let (ringing, direction_changes) = ringing(&velocities);
                 MuscleRow {
                     muscle: muscle.name.clone(),
+                    mean_activation_low: None,
+                    mean_activation_high: None,
                     mean_activation: self.integrate(|t| self.activation(t, m)) / duration,
                     peak_activation: largest(&locals.iter().map(|z| z[at + ACTIVATION]).collect::<Vec<_>>()),
                     mean_force_n: impulse / duration,

@@ -22,6 +22,7 @@ use crate::transcription::midpoint::Midpoint;
 use crate::transcription::prediction::{Setting, predict};
 use crate::transcription::radau::Radau;
 use crate::transcription::scheme::Discretisation;
+use crate::uniqueness;
 use crate::warm::Answer;
 
 /// Objectives closer than this (relative) with the same idle muscles are one optimum.
@@ -142,13 +143,25 @@ fn solve_timed(
     outcome.iterations = iteration_rows(&problem, run, every);
     if let Some(counter) = &mut counter {
         let setting = prediction_setting(model, scheme.as_ref(), &measurement, settings);
-        if let Some((row, spectrum)) = regularity_rows(counter, &problem, ranked_at, &setting) {
+        if let Some((row, spectrum, null_directions)) = regularity_rows(counter, &problem, ranked_at, &setting) {
             // The last iterate is the solution: its count is the polished one.
             if let (Some(last), true) = (outcome.iterations.last_mut(), run.status == SqpStatus::Converged) {
                 (last.deficiency_a, last.deficiency_aj) = (Some(row.a.deficiency), Some(row.aj.deficiency));
             }
             (outcome.regularity, outcome.spectrum) = (Some(row), spectrum);
+            let means = solution.mean_activations();
+            let intervals = uniqueness::activation_intervals(&problem, point, &means, &null_directions);
+            for (muscle, interval) in outcome.muscles.iter_mut().zip(intervals) {
+                (muscle.mean_activation_low, muscle.mean_activation_high) = interval.unzip();
+            }
         }
+    }
+    if settings.regularity != RegularityMode::Off && run.status == SqpStatus::Converged {
+        let tracking = measurement.times.len() * model.coordinates();
+        let parameters = uniqueness::parameters(&problem, point, settings.mu, tracking);
+        let means: Vec<f64> = outcome.muscles.iter().map(|muscle| muscle.mean_force_n).collect();
+        let slopes = |direction: &[f64]| solution.mean_force_slopes(direction);
+        outcome.sensitivities = uniqueness::sensitivities(&mut kkt, &problem, point, &parameters, slopes, &means);
     }
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
     let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
@@ -389,7 +402,7 @@ fn regularity_rows(
     problem: &Collocation<'_>,
     point: &Iterate,
     setting: &Setting,
-) -> Option<(RegularityRow, Vec<SpectrumRow>)> {
+) -> Option<(RegularityRow, Vec<SpectrumRow>, Vec<Vec<f64>>)> {
     let (bounds, force) = active_rows(problem, point);
     let found = regularity::analyse(counter, problem, point, &bounds)?;
     let with_force = if force.is_empty() {
@@ -432,6 +445,7 @@ fn regularity_rows(
         prediction_agrees: predicted.a.zip(predicted.aj).map(|(a, aj)| agrees(&found.a, a) && agrees(&found.aj, aj)),
         unique: found.a.deficiency == 0 && found.aj.deficiency == 0,
         loads_unique: !found.null_directions.iter().any(|d| solution::moves_load(problem, &point.x, d, MOVES_LOAD)),
+        null_space: uniqueness::describe(problem, &found.null_directions, &idle(problem, &point.x)),
     };
-    Some((regularity, spectrum))
+    Some((regularity, spectrum, found.null_directions))
 }

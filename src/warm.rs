@@ -10,7 +10,7 @@ use crate::nlp::iterate::Iterate;
 use crate::nlp::polish::active;
 use crate::nlp::sqp::Start;
 use crate::transcription::collocation::{Bound, Collocation, Rows, evaluate};
-use crate::transcription::instant::{ACTIVATION, EXCITATION, Form, Instant, LENGTH};
+use crate::transcription::instant::{EXCITATION, Form, Instant, LENGTH};
 use crate::transcription::scheme::{Discretisation, Trajectory};
 
 /// A converged solution with all that a start from it needs.
@@ -47,6 +47,11 @@ impl Answer {
         });
         let multipliers = (self.form == problem.instant.form).then(|| self.multipliers(problem, scheme));
         Start { x, multipliers }
+    }
+
+    /// Activation of muscle `m`.
+    pub fn activation(&self, t: f64, m: usize) -> f64 {
+        evaluate(&self.scheme.activation_at(t, m), &self.x)
     }
 
     /// This answer's duration over the other's.
@@ -124,7 +129,7 @@ impl Trajectory for Prolonged<'_> {
     }
 
     fn activation(&self, t: f64, m: usize) -> f64 {
-        self.local(t, self.instant.muscle(m) + ACTIVATION)
+        self.answer.activation(t * self.stretch, m)
     }
 
     fn excitation(&self, t: f64, m: usize) -> f64 {

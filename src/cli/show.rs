@@ -48,6 +48,7 @@ pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let limit = if all { jobs.rows() } else { FIRST.min(jobs.rows()) };
     job_table(&jobs, &regularity, &axes, limit);
     muscle_table(&jobs, &muscles, limit);
+    freedoms(&jobs, &regularity, &muscles, limit);
     remarks(&jobs, limit, usize::MAX);
     if limit < jobs.rows() {
         print(&format!("\n… {} more job(s): --all shows them", jobs.rows() - limit));
@@ -274,6 +275,37 @@ fn muscle_table(jobs: &Table, muscles: &Table, limit: usize) {
 }
 
 /// Reasons of failed jobs, `most` of them, and remarks on the first `limit` jobs.
+/// What may move in the answers that are not unique, and how far the mean activations.
+fn freedoms(jobs: &Table, regularity: &Table, muscles: &Table, limit: usize) {
+    let mut lines: BTreeMap<&str, (String, Vec<String>)> = BTreeMap::new();
+    for row in 0..regularity.rows() {
+        if let (Some(id), Some(words)) = (regularity.text("job_id", row), regularity.text("null_space", row)) {
+            lines.insert(id, (words.to_owned(), Vec::new()));
+        }
+    }
+    for row in 0..muscles.rows() {
+        let number = |name: &str| muscles.number(name, row);
+        let ends = number("mean_activation_low").zip(number("mean_activation_high"));
+        let Some((low, high)) = ends.filter(|(low, high)| high - low > 1e-6) else { continue };
+        let entry = muscles.text("job_id", row).and_then(|id| lines.get_mut(id));
+        if let (Some((_, intervals)), Some(name)) = (entry, muscles.text("muscle", row)) {
+            intervals.push(format!("{name} {low:.3} … {high:.3}"));
+        }
+    }
+    let mut first = true;
+    for row in 0..limit {
+        let Some((words, intervals)) = jobs.text("job_id", row).and_then(|id| lines.get(id)) else { continue };
+        if std::mem::take(&mut first) {
+            print("\nNot determined (share of the null space of [A; J])");
+        }
+        let index = jobs.display("index", row).unwrap_or_default();
+        print(&format!("job {index}: {words}"));
+        if !intervals.is_empty() {
+            print(&format!("        as good to first order, mean activation: {}", intervals.join(", ")));
+        }
+    }
+}
+
 fn remarks(jobs: &Table, limit: usize, most: usize) {
     let mut failed = 0;
     for row in 0..jobs.rows() {

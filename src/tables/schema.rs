@@ -9,7 +9,8 @@ use crate::study::settings::Value;
 pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
 
 /// Names of the tables, which are the file names without `.parquet`.
-pub const TABLES: [&str; 6] = ["jobs", "regularity", "iterations", "muscles", "spectrum", "trajectories"];
+pub const TABLES: [&str; 7] =
+    ["jobs", "regularity", "iterations", "muscles", "spectrum", "sensitivities", "trajectories"];
 
 /// All tables of a study from its finished jobs, in the order of the study.
 pub fn tables(finished: &[(&Job, &Outcome)]) -> Vec<Table> {
@@ -19,6 +20,7 @@ pub fn tables(finished: &[(&Job, &Outcome)]) -> Vec<Table> {
         iterations(finished),
         muscles(finished),
         spectrum(finished),
+        sensitivities(finished),
         trajectories(finished),
     ]
 }
@@ -141,6 +143,7 @@ fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
             ("prediction_agrees", flags(&rows, |(_, r)| r.prediction_agrees)),
             ("unique", flags(&rows, |(_, r)| Some(r.unique))),
             ("loads_unique", flags(&rows, |(_, r)| Some(r.loads_unique))),
+            ("null_space", texts(&rows, |(_, r)| r.null_space.clone())),
         ],
     )
 }
@@ -178,6 +181,8 @@ fn muscles(finished: &[(&Job, &Outcome)]) -> Table {
             ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
             ("muscle", texts(&rows, |(_, r)| Some(r.muscle.clone()))),
             ("mean_activation", numbers(&rows, |(_, r)| Some(r.mean_activation))),
+            ("mean_activation_low", numbers(&rows, |(_, r)| r.mean_activation_low)),
+            ("mean_activation_high", numbers(&rows, |(_, r)| r.mean_activation_high)),
             ("peak_activation", numbers(&rows, |(_, r)| Some(r.peak_activation))),
             ("mean_force_n", numbers(&rows, |(_, r)| Some(r.mean_force_n))),
             ("peak_force_n", numbers(&rows, |(_, r)| Some(r.peak_force_n))),
@@ -200,6 +205,21 @@ fn spectrum(finished: &[(&Job, &Outcome)]) -> Table {
             ("matrix", texts(&rows, |(_, r)| Some(r.matrix.clone()))),
             ("index", integers(&rows, |(_, r)| Some(r.index))),
             ("value", numbers(&rows, |(_, r)| Some(r.value))),
+        ],
+    )
+}
+
+fn sensitivities(finished: &[(&Job, &Outcome)]) -> Table {
+    let rows = each(finished, |o| &o.sensitivities);
+    table(
+        "sensitivities",
+        vec![
+            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("muscle", texts(&rows, |(_, r)| Some(r.muscle.clone()))),
+            ("parameter", texts(&rows, |(_, r)| Some(r.parameter.clone()))),
+            ("parameter_value", numbers(&rows, |(_, r)| Some(r.parameter_value))),
+            ("mean_force_slope", numbers(&rows, |(_, r)| Some(r.mean_force_slope))),
+            ("elasticity", numbers(&rows, |(_, r)| r.elasticity)),
         ],
     )
 }
@@ -242,6 +262,7 @@ pub fn unit(column: &str) -> &'static str {
     match column {
         "effort" | "h" => "s",
         "max_constraint_velocity" => "m/s, rad/s",
+        "mean_force_slope" => "N per unit of the parameter",
         "ringing" => "optimal fibre lengths/s",
         "noise_sd" => "m, rad",
         _ if column.contains("point.") || column.contains("centre_of_mass.") => "m",

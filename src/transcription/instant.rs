@@ -157,6 +157,19 @@ impl<'m> Instant<'m> {
         self.model.muscles[muscle].fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]).value
     }
 
+    /// The tendon strain of a muscle, and its slope over the local variables that it depends on.
+    pub fn tendon_strain(&self, z: &[f64], muscle: usize) -> (f64, Vec<(usize, f64)>) {
+        let at = self.muscle(muscle) + LENGTH;
+        let muscle = &self.model.muscles[muscle];
+        let mut path = muscle.path.buffer();
+        muscle.path.length(&z[..self.nq], false, &mut path);
+        let mut slopes: Vec<(usize, f64)> = (muscle.path.slots.iter().zip(&path.gradient))
+            .map(|(&slot, gradient)| (slot, gradient / muscle.tendon_slack_length))
+            .collect();
+        slopes.push((at, -muscle.fibre_along_tendon() / muscle.tendon_slack_length));
+        (muscle.tendon_strain(path.value, z[at]), slopes)
+    }
+
     /// The residuals of all equations; see the module's table.
     pub fn residual(&self, z: &[f64], out: &mut [f64]) {
         let q = &z[..self.nq];

@@ -11,3 +11,5 @@ mod radau;
 mod recheck;
 mod regularity;
 mod support;
+mod uniqueness;
+mod warm;

@@ -6,9 +6,9 @@ use sinew::nlp::iterate::Iterate;
 use sinew::nlp::regularity;
 use sinew::outcome::Status;
 use sinew::run::{RunOptions, run};
-use sinew::solve::{prediction_setting, transcribe};
+use sinew::solve::{discretise, prediction_setting, transcribe};
 use sinew::study::Study;
-use sinew::study::settings::{Bounds, LoadSharingGrid};
+use sinew::study::settings::{Bounds, LoadSharingGrid, Scheme};
 use sinew::transcription::collocation::BoundKind;
 use sinew::transcription::prediction::predict;
 use sinew::transcription::scheme::Discretisation;
@@ -130,5 +130,28 @@ fn a_result_folder_says_whether_each_answer_is_unique() {
         assert_eq!(table.flag("unique", row), Some(none("deficiency_a") && none("deficiency_aj")));
         // With μ > 0 what is free moves values between the points, never a force at one.
         assert_eq!(table.flag("loads_unique", row), Some(true));
+    }
+}
+
+/// Fine meshes, on which the thesis' way of counting takes seconds.
+#[test]
+fn on_fine_meshes_pivots_count_as_the_singular_values_do() {
+    let model = model("arm.toml");
+    let table = motion("arm_curl.csv", &model);
+    for (scheme, points) in [(Scheme::Radau, 51), (Scheme::Midpoint, 101)] {
+        let settings = settings(|s| (s.scheme, s.h) = (scheme, 1.0 / (points - 1) as f64));
+        let measurement = super::support::measured(&settings, &model, &table, points);
+        let (instant, scheme) = discretise(&model, &settings, points, table.duration());
+        let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
+        let mut x = start_guess(&model, scheme.as_ref(), points, &measurement).unwrap();
+        // One muscle idle: of its active bounds on a and u, all but a few depend on the others.
+        (0..scheme.state_coefficients()).for_each(|k| x[scheme.activation_index(k, 4)] = 0.0);
+        (0..scheme.control_coefficients()).for_each(|j| x[scheme.excitation_index(j, 4)] = 0.0);
+        let iterate = Iterate::new(&problem, x);
+        let active: Vec<usize> = (0..problem.bounds.len()).filter(|&row| problem.bounds[row].muscle == 4).collect();
+        let found = regularity::analyse_dense(&problem, &iterate, &active).unwrap();
+        let counted = regularity::RankCounter::new(&problem).deficiencies(&iterate, &active).unwrap();
+        assert_eq!(counted, (found.a.deficiency, found.aj.deficiency));
+        assert!(counted.0 + 2 >= points, "{counted:?}");
     }
 }

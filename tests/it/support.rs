@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use sinew::error::SourceFile;
 use sinew::model::Model;
 use sinew::model::file::ModelFile;
-use sinew::motion::{MotionSettings, MotionTable};
+use sinew::motion::{Measurement, MotionSettings, MotionTable};
 use sinew::study::Study;
 use sinew::study::settings::{Scheme, Settings};
 use sinew::transcription::instant::{Form, Instant};
@@ -47,21 +47,22 @@ pub fn settings(change: impl FnOnce(&mut Settings)) -> Settings {
     settings
 }
 
-/// Measurement and scheme of a motion on `points` points.
-pub fn prepare<'m>(
-    model: &'m Model,
-    table: &MotionTable,
-    points: usize,
-) -> (Instant<'m>, Midpoint, sinew::motion::Measurement) {
-    let motion_settings = MotionSettings {
-        measurement_ratio: 2,
+/// The measurement that settings ask for, on `points` collocation points.
+pub fn measured(settings: &Settings, model: &Model, table: &MotionTable, points: usize) -> Measurement {
+    let motion = MotionSettings {
+        measurement_ratio: settings.measured_per_interval(),
         smoothing_hz: 0.0,
         noise_sd: 0.0,
         seed: 1,
         time_scale: 1.0,
         changes: Vec::new(),
     };
-    let measurement = motion_settings.measure(table, model, points).unwrap();
+    motion.measure(table, model, points).unwrap()
+}
+
+/// Measurement and scheme of a motion on `points` points.
+pub fn prepare<'m>(model: &'m Model, table: &MotionTable, points: usize) -> (Instant<'m>, Midpoint, Measurement) {
+    let measurement = measured(&settings(|_| ()), model, table, points);
     let instant = Instant::new(model, Form::SecondOrder);
     let scheme = Midpoint::new(&instant, points, table.duration());
     (instant, scheme, measurement)

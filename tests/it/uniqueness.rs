@@ -1,0 +1,119 @@
+//! Intervals, null spaces in words, and sensitivities, each against something that did not produce it.
+
+use sinew::nlp::iterate::Iterate;
+use sinew::nlp::polish::active;
+use sinew::nlp::regularity::analyse_dense;
+use sinew::nlp::sqp::{self, SqpSettings};
+use sinew::outcome::Outcome;
+use sinew::solution::Solution;
+use sinew::solve::{discretise, solve, solve_from, transcribe};
+use sinew::study::settings::{Bounds, RegularityMode, Scheme, Settings};
+use sinew::transcription::collocation::evaluate;
+use sinew::transcription::instant::ACTIVATION;
+use sinew::uniqueness::activation_intervals;
+
+use super::support::{measured, model, motion, settings};
+
+fn radau(change: impl FnOnce(&mut Settings)) -> Settings {
+    settings(|s| {
+        s.scheme = Scheme::Radau;
+        s.h = 0.1;
+        s.regularity = RegularityMode::Optimum;
+        change(s);
+    })
+}
+
+fn slope(outcome: &Outcome, muscle: &str, parameter: &str) -> f64 {
+    let row = outcome.sensitivities.iter().find(|row| row.muscle == muscle && row.parameter == parameter);
+    row.unwrap_or_else(|| panic!("no row for {muscle} and {parameter}")).mean_force_slope
+}
+
+#[test]
+fn sensitivities_are_those_of_solving_again() {
+    let arm = model("arm.toml");
+    let table = motion("arm_curl.csv", &arm);
+    let at = |mu: f64, slack: f64| {
+        let mut changed = arm.clone();
+        changed.muscles[2].tendon_slack_length *= slack;
+        let settings = radau(|s| (s.mu, s.bounds) = (mu, Bounds::Activation));
+        let (first, answer) = solve_from(&changed, &table, &settings, 11, None);
+        (first, answer)
+    };
+    let (middle, _) = at(0.2, 1.0);
+    let forces = |outcome: &Outcome| outcome.muscles.iter().map(|m| m.mean_force_n).collect::<Vec<_>>();
+    let names: Vec<&str> = middle.muscles.iter().map(|m| m.muscle.as_str()).collect();
+    let step = 1e-4;
+    let (low, high) = (forces(&at(0.2 - step, 1.0).0), forces(&at(0.2 + step, 1.0).0));
+    let biceps = arm.muscles[2].tendon_slack_length;
+    let (short, long) = (forces(&at(0.2, 1.0 - step).0), forces(&at(0.2, 1.0 + step).0));
+    let path = format!("muscle.{}.tendon_slack_length", names[2]);
+    let mut largest = 0.0f64;
+    for (m, name) in names.iter().enumerate() {
+        let by_mu = (high[m] - low[m]) / (2.0 * step);
+        let by_slack = (long[m] - short[m]) / (2.0 * step * biceps);
+        largest = largest.max(by_mu.abs());
+        assert!((slope(&middle, name, "mu") - by_mu).abs() < 2e-3 * (1.0 + by_mu.abs()), "{name} {by_mu}");
+        let found = slope(&middle, name, &path);
+        assert!((found - by_slack).abs() < 5e-3 * (1.0 + by_slack.abs()), "{name} {found} {by_slack}");
+    }
+    assert!(largest > 1.0, "μ moves loads");
+}
+
+#[test]
+fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction() {
+    let arm = model("arm.toml");
+    let table = motion("arm_curl.csv", &arm);
+    let settings = radau(|s| (s.mu, s.bounds) = (0.0, Bounds::Activation));
+    let outcome = solve(&arm, &table, &settings, 11);
+    assert!(!outcome.regularity.as_ref().unwrap().loads_unique);
+    assert!(outcome.regularity.as_ref().unwrap().null_space.is_some());
+    let wide = |m: &sinew::outcome::MuscleRow| m.mean_activation_high.unwrap() - m.mean_activation_low.unwrap();
+    assert!(outcome.muscles.iter().any(|m| wide(m) > 1e-2), "{:?}", outcome.muscles);
+
+    let measurement = measured(&settings, &arm, &table, 11);
+    let (instant, scheme) = discretise(&arm, &settings, 11, table.duration());
+    let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
+    let guess = sinew::guess::start_guess(&arm, scheme.as_ref(), 11, &measurement).unwrap();
+    let iterate: Iterate = sqp::solve(&problem, guess, SqpSettings::default()).iterate;
+    let rows: Vec<usize> = (0..iterate.inequalities.len()).filter(|&r| active(&iterate.inequalities)[r]).collect();
+    let null = analyse_dense(&problem, &iterate, &rows).unwrap().null_directions;
+    let solution =
+        Solution { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, iterate: &iterate };
+    let means = solution.mean_activations();
+    let intervals = activation_intervals(&problem, &iterate, &means, &null);
+    // How far each null direction may go before an activation leaves 0 … 1: nothing beyond the interval.
+    let mut reached = 0;
+    for direction in null.iter().flat_map(|d| [d.clone(), d.iter().map(|v| -v).collect()]) {
+        let mut length = f64::INFINITY;
+        for j in 0..problem.layout.points.len() {
+            let (z, dz) = (problem.local(j, &iterate.x), problem.local(j, &direction));
+            for m in 0..arm.muscles.len() {
+                let (a, da) = (z[instant.muscle(m) + ACTIVATION], dz[instant.muscle(m) + ACTIVATION]);
+                let room = if da > 0.0 { (1.0 - a).max(0.0) / da } else { a.max(0.0) / -da };
+                length = if da.abs() > 1e-9 { length.min(room) } else { length };
+            }
+        }
+        for (mean, interval) in means.iter().zip(&intervals) {
+            let (low, high) = interval.unwrap();
+            let there = evaluate(mean, &iterate.x) + length.min(1e3) * evaluate(mean, &direction);
+            assert!(there > low - 1e-6 && there < high + 1e-6, "{there} outside {low} … {high}");
+            reached += usize::from(there > low + 1e-3 && there < high - 1e-3);
+        }
+    }
+    assert!(reached > 0 && !null.is_empty());
+}
+
+#[test]
+fn a_unique_load_is_an_interval_of_no_width() {
+    let arm = model("arm.toml");
+    let table = motion("arm_curl.csv", &arm);
+    let outcome = solve(&arm, &table, &radau(|s| s.mu = 0.2), 11);
+    for muscle in &outcome.muscles {
+        let (low, high) = (muscle.mean_activation_low.unwrap(), muscle.mean_activation_high.unwrap());
+        assert!((low - muscle.mean_activation).abs() < 1e-9 && (high - low).abs() < 1e-9, "{muscle:?}");
+    }
+    // An idle muscle's fibre is free in the midpoint scheme, and the words say so.
+    let ringing = settings(|s| (s.bounds, s.regularity) = (Bounds::Both, RegularityMode::Optimum));
+    let words = solve(&arm, &table, &ringing, 6).regularity.unwrap().null_space.unwrap();
+    assert!(words.contains("while idle"), "{words}");
+}

@@ -1,0 +1,56 @@
+//! Starts from other answers.
+
+use sinew::solve::{discretise, solve, solve_from, transcribe};
+use sinew::study::settings::{RegularityMode, Scheme, WarmStart};
+
+use super::support::{measured, model, motion, settings};
+
+/// The points of a mesh of half the step contain the old ones; there, the start has the old values.
+#[test]
+fn an_answer_is_prolonged_exactly() {
+    let arm = model("arm.toml");
+    let table = motion("arm_curl.csv", &arm);
+    for (scheme, stages) in [(Scheme::Radau, 1), (Scheme::Radau, 3), (Scheme::Midpoint, 1)] {
+        let settings = settings(|s| {
+            (s.scheme, s.stages, s.h, s.regularity) = (scheme, stages, 0.1, RegularityMode::Off);
+        });
+        let (outcome, answer) = solve_from(&arm, &table, &settings, 11, None);
+        let (instant, same) = discretise(&arm, &settings, 11, table.duration());
+        let problem = transcribe(&instant, same.as_ref(), &measured(&settings, &arm, &table, 11), &settings);
+        let answer = answer.unwrap();
+        let start = answer.start(&problem, same.as_ref());
+        // On its own mesh the answer is its own solution, multipliers and all.
+        let again = sinew::nlp::sqp::solve(&problem, start, Default::default());
+        assert!(again.iterations() <= 2, "{scheme:?} {stages}: {} iterations", again.iterations());
+        assert!((again.iterate.objective - outcome.job.objective.unwrap()).abs() < 1e-9);
+
+        if scheme == Scheme::Radau {
+            let (instant, fine) = discretise(&arm, &settings, 21, table.duration());
+            let problem = transcribe(&instant, fine.as_ref(), &measured(&settings, &arm, &table, 21), &settings);
+            let x = answer.start(&problem, fine.as_ref()).x;
+            for k in 0..=40 {
+                let t = 0.025 * f64::from(k);
+                for m in 0..arm.muscles.len() {
+                    let fine = sinew::transcription::collocation::evaluate(&fine.activation_at(t, m), &x);
+                    let coarse = answer.activation(t, m);
+                    assert!((fine - coarse).abs() < 1e-12, "{t} {fine} {coarse}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn mesh_continuation_ends_where_a_cold_start_does_in_no_more_iterations() {
+    let arm = model("arm.toml");
+    let table = motion("arm_curl.csv", &arm);
+    let run = |warm_start: WarmStart| {
+        let settings = settings(|s| {
+            (s.scheme, s.h, s.regularity, s.warm_start) = (Scheme::Radau, 0.025, RegularityMode::Off, warm_start);
+        });
+        solve(&arm, &table, &settings, 41).job
+    };
+    let (cold, warm) = (run(WarmStart::Off), run(WarmStart::Mesh));
+    assert!((cold.objective.unwrap() / warm.objective.unwrap() - 1.0).abs() < 1e-6);
+    assert!(warm.iterations.unwrap() <= 6, "{:?} after {:?} cold", warm.iterations, cold.iterations);
+}
