@@ -67,6 +67,7 @@ pub struct Outcome {
     pub muscles: Vec<MuscleRow>,
     pub spectrum: Vec<SpectrumRow>,
     pub sensitivities: Vec<SensitivityRow>,
+    pub optima: Vec<OptimumRow>,
     pub trajectories: Vec<TrajectoryRow>,
 }
 
@@ -224,6 +225,18 @@ pub struct MuscleRow {
     /// Share of inner points where the fibre velocity turns from rising to falling or back.
     pub direction_changes: f64,
     pub peak_fibre_velocity_per_s: f64,
+}
+
+/// One of the optima that the starts of a job met, the lowest first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OptimumRow {
+    pub objective: f64,
+    /// How many starts ended there.
+    pub starts: i64,
+    /// Muscles without activation, separated by commas.
+    pub idle: String,
+    pub deficiency_a: Option<i64>,
+    pub deficiency_aj: Option<i64>,
 }
 
 /// How a muscle's mean force follows a parameter.

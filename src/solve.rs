@@ -13,7 +13,7 @@ use crate::nlp::kkt::Kkt;
 use crate::nlp::polish::{ACTIVE, active, polish};
 use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus, Start};
-use crate::outcome::{IterationRow, JobRow, MatrixRank, Outcome, RegularityRow, SpectrumRow, Status};
+use crate::outcome::{IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status};
 use crate::solution::{self, Solution};
 use crate::study::settings::{Initial, LoadSharingGrid, RegularityMode, Scheme, Settings, WarmStart};
 use crate::transcription::collocation::{BoundKind, Collocation, Combination};
@@ -126,7 +126,6 @@ fn solve_timed(
             error: reason(run),
             n_starts: Some(settings.starts as i64),
             n_converged_starts: Some(runs.iter().filter(|r| r.status == SqpStatus::Converged).count() as i64),
-            n_distinct_optima: Some(distinct_optima(&problem, &runs) as i64),
             iterations: Some(run.iterations() as i64),
             polished: Some(polished.is_some()),
             solve_s: Some(solve_s),
@@ -141,6 +140,8 @@ fn solve_timed(
     let mut counter = (settings.regularity != RegularityMode::Off).then(|| RankCounter::new(&problem));
     let every = counter.as_mut().filter(|_| settings.regularity == RegularityMode::EveryIteration);
     outcome.iterations = iteration_rows(&problem, run, every);
+    outcome.optima = optima(&problem, &runs, counter.as_mut());
+    outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
     if let Some(counter) = &mut counter {
         let setting = prediction_setting(model, scheme.as_ref(), &measurement, settings);
         if let Some((row, spectrum, null_directions)) = regularity_rows(counter, &problem, ranked_at, &setting) {
@@ -291,19 +292,37 @@ fn best(runs: &[SqpOutcome]) -> usize {
     converged.min_by(|a, b| a.1.iterate.objective.total_cmp(&b.1.iterate.objective)).map_or_else(nearest, |(k, _)| k)
 }
 
-/// Number of optima among the converged runs: objectives more than 1e-6 relative, or idle sets, apart.
-fn distinct_optima(problem: &Collocation<'_>, runs: &[SqpOutcome]) -> usize {
-    let mut optima: Vec<(f64, Vec<bool>)> = Vec::new();
-    for run in runs.iter().filter(|run| run.status == SqpStatus::Converged) {
+/// The optima among the converged runs, the lowest first: objectives more than 1e-6 relative, or idle sets, apart.
+fn optima(problem: &Collocation<'_>, runs: &[SqpOutcome], mut counter: Option<&mut RankCounter>) -> Vec<OptimumRow> {
+    let mut converged: Vec<&SqpOutcome> = runs.iter().filter(|run| run.status == SqpStatus::Converged).collect();
+    converged.sort_by(|a, b| a.iterate.objective.total_cmp(&b.iterate.objective));
+    let mut optima: Vec<(OptimumRow, Vec<bool>)> = Vec::new();
+    for run in converged {
         let (objective, idle) = (run.iterate.objective, idle(problem, &run.iterate.x));
-        let same = |other: &(f64, Vec<bool>)| {
-            (other.0 - objective).abs() <= SAME_OPTIMUM * objective.abs().max(other.0.abs()) && other.1 == idle
+        let same = |(row, other): &&mut (OptimumRow, Vec<bool>)| {
+            let size = objective.abs().max(row.objective.abs());
+            (row.objective - objective).abs() <= SAME_OPTIMUM * size && *other == idle
         };
-        if !optima.iter().any(same) {
-            optima.push((objective, idle));
+        if let Some((row, _)) = optima.iter_mut().find(same) {
+            row.starts += 1;
+            continue;
         }
+        let deficiencies = counter.as_mut().and_then(|counter| {
+            let point = polished(problem, &run.iterate).unwrap_or_else(|| run.iterate.clone());
+            counter.deficiencies(&point, &active_rows(problem, &point).0)
+        });
+        let names = problem.instant.model.muscles.iter().zip(&idle).filter(|(_, idle)| **idle);
+        let names: Vec<&str> = names.map(|(muscle, _)| muscle.name.as_str()).collect();
+        let row = OptimumRow {
+            objective,
+            starts: 1,
+            idle: names.join(", "),
+            deficiency_a: deficiencies.map(|d| d.0 as i64),
+            deficiency_aj: deficiencies.map(|d| d.1 as i64),
+        };
+        optima.push((row, idle));
     }
-    optima.len()
+    optima.into_iter().map(|(row, _)| row).collect()
 }
 
 /// Which muscles have |a| ≤ 1e-8 at every collocation point.

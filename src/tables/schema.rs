@@ -9,8 +9,8 @@ use crate::study::settings::Value;
 pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
 
 /// Names of the tables, which are the file names without `.parquet`.
-pub const TABLES: [&str; 7] =
-    ["jobs", "regularity", "iterations", "muscles", "spectrum", "sensitivities", "trajectories"];
+pub const TABLES: [&str; 8] =
+    ["jobs", "regularity", "iterations", "muscles", "spectrum", "sensitivities", "optima", "trajectories"];
 
 /// All tables of a study from its finished jobs, in the order of the study.
 pub fn tables(finished: &[(&Job, &Outcome)]) -> Vec<Table> {
@@ -21,6 +21,7 @@ pub fn tables(finished: &[(&Job, &Outcome)]) -> Vec<Table> {
         muscles(finished),
         spectrum(finished),
         sensitivities(finished),
+        optima(finished),
         trajectories(finished),
     ]
 }
@@ -220,6 +221,21 @@ fn sensitivities(finished: &[(&Job, &Outcome)]) -> Table {
             ("parameter_value", numbers(&rows, |(_, r)| Some(r.parameter_value))),
             ("mean_force_slope", numbers(&rows, |(_, r)| Some(r.mean_force_slope))),
             ("elasticity", numbers(&rows, |(_, r)| r.elasticity)),
+        ],
+    )
+}
+
+fn optima(finished: &[(&Job, &Outcome)]) -> Table {
+    let rows = each(finished, |o| &o.optima);
+    table(
+        "optima",
+        vec![
+            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("objective", numbers(&rows, |(_, r)| Some(r.objective))),
+            ("starts", integers(&rows, |(_, r)| Some(r.starts))),
+            ("idle", texts(&rows, |(_, r)| Some(r.idle.clone()))),
+            ("deficiency_a", integers(&rows, |(_, r)| r.deficiency_a)),
+            ("deficiency_aj", integers(&rows, |(_, r)| r.deficiency_aj)),
         ],
     )
 }

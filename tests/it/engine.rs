@@ -156,6 +156,9 @@ fn several_starts_keep_the_best() {
     assert_eq!(many.job.n_starts, Some(4));
     assert!(many.job.n_distinct_optima.unwrap() >= 1);
     assert!(many.job.n_distinct_optima <= many.job.n_converged_starts);
+    assert_eq!(many.optima.iter().map(|optimum| optimum.starts).sum::<i64>(), many.job.n_converged_starts.unwrap());
+    assert!(many.optima.is_sorted_by(|a, b| a.objective <= b.objective));
+    assert!(many.optima.iter().all(|optimum| optimum.deficiency_a.is_some()));
 }
 
 #[test]
