@@ -60,6 +60,7 @@ impl From<SqpStatus> for Status {
 
 /// Everything one job leaves behind.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Outcome {
     pub job: JobRow,
     pub regularity: Option<RegularityRow>,
