@@ -8,18 +8,21 @@ use std::sync::atomic::AtomicBool;
 
 use divan::{Bencher, black_box};
 use sinew::guess::start_guess;
-use sinew::motion::{Measurement, MotionSettings};
+use sinew::motion::Measurement;
 use sinew::nlp::active_set;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::kkt::{Kkt, KktValues, Rows};
 use sinew::nlp::problem::{Curvature, Problem};
 use sinew::nlp::regularity::RankCounter;
 use sinew::nlp::sqp::{self, SqpSettings};
+use sinew::numerics::sparse::Sparse;
 use sinew::run::{RunOptions, run};
-use sinew::solve::{discretise, solve, transcribe};
+use sinew::solve::{discretise, motion_settings, solve, transcribe};
 use sinew::study::Study;
 use sinew::study::settings::{RegularityMode, Settings};
 use sinew::transcription::collocation::Collocation;
+use sinew::transcription::instant::Instant;
+use sinew::transcription::scheme::Discretisation;
 
 const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];
 
@@ -32,28 +35,29 @@ fn study(name: &str) -> Study {
     Study::load(&path).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
 }
 
-fn measured(study: &Study, settings: &Settings, points: usize) -> Measurement {
-    let motion = MotionSettings {
-        measurement_ratio: settings.measured_per_interval(),
-        smoothing_hz: settings.smoothing_hz,
-        noise_sd: 0.0,
-        seed: 1,
-        time_scale: 1.0,
-        changes: Vec::new(),
-    };
-    motion.measure(&study.motion, &study.model, points).unwrap()
+/// The job on so many points, its measurement, equations and scheme, handed to `then`.
+fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, Instant<'_>, &dyn Discretisation)) {
+    let study = study("mesh.toml");
+    let settings = &study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study").settings;
+    let measurement = motion_settings(settings).measure(&study.motion, &study.model, points).unwrap();
+    let (instant, scheme) = discretise(&study.model, settings, points, study.motion.duration());
+    then(&study, settings, &measurement, instant, scheme.as_ref());
 }
 
 /// The problem on so many points and its start guess, handed to `then`.
 fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
-    let study = study("mesh.toml");
-    let job = study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study");
-    let settings = &job.settings;
-    let measurement = measured(&study, settings, points);
-    let (instant, scheme) = discretise(&study.model, settings, points, study.motion.duration());
-    let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
-    let guess = start_guess(&study.model, scheme.as_ref(), points, &measurement).unwrap();
-    then(&problem, guess);
+    with_job(points, |study, settings, measurement, instant, scheme| {
+        let problem = transcribe(&instant, scheme, measurement, settings);
+        then(&problem, start_guess(&study.model, scheme, points, measurement).unwrap());
+    });
+}
+
+/// The exact Hessian and the metric at a point.
+fn curvatures(problem: &Collocation<'_>, here: &Iterate) -> [Sparse; 2] {
+    let [mut hessian, mut metric] = [0, 1].map(|_| problem.patterns()[2].clone());
+    problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
+    problem.metric(&here.x, &mut metric);
+    [hessian, metric]
 }
 
 /// Transcription, start guess, SQP, polishing: everything but the ranks.
@@ -90,9 +94,7 @@ fn evaluation(bencher: Bencher, points: usize) {
 fn factorisation(bencher: Bencher, points: usize) {
     with_problem(points, |problem, guess| {
         let here = Iterate::new(problem, guess);
-        let [mut hessian, mut metric] = [0, 1].map(|_| problem.patterns()[2].clone());
-        problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
-        problem.metric(&here.x, &mut metric);
+        let [hessian, metric] = curvatures(problem, &here);
         let mut kkt = Kkt::new(problem);
         let active = vec![false; here.inequalities.len()];
         bencher.bench_local(|| {
@@ -113,9 +115,7 @@ fn factorisation(bencher: Bencher, points: usize) {
 fn qp(bencher: Bencher, points: usize) {
     with_problem(points, |problem, guess| {
         let here = sqp::solve(problem, guess, SqpSettings::default()).iterate;
-        let [mut hessian, mut metric] = [0, 1].map(|_| problem.patterns()[2].clone());
-        problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
-        problem.metric(&here.x, &mut metric);
+        let [hessian, metric] = curvatures(problem, &here);
         let mut kkt = Kkt::new(problem);
         let active = sinew::nlp::polish::active(&here.inequalities);
         bencher.bench_local(|| active_set::solve(&mut kkt, &here, &hessian, &metric, &mut 1e-6, &active).is_ok());
@@ -134,11 +134,9 @@ fn rank(bencher: Bencher, points: usize) {
 /// Patterns and where each derivative goes in them: [`transcribe`].
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn transcription(bencher: Bencher, points: usize) {
-    let study = study("mesh.toml");
-    let job = study.jobs.iter().find(|job| job.points == points).unwrap();
-    let measurement = measured(&study, &job.settings, points);
-    let (instant, scheme) = discretise(&study.model, &job.settings, points, study.motion.duration());
-    bencher.bench_local(|| transcribe(&instant, scheme.as_ref(), &measurement, &job.settings));
+    with_job(points, |_, settings, measurement, instant, scheme| {
+        bencher.bench_local(|| transcribe(&instant, scheme, measurement, settings));
+    });
 }
 
 /// Elimination order of the KKT matrix.
@@ -151,11 +149,9 @@ fn symbolic(bencher: Bencher, points: usize) {
 
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn guess(bencher: Bencher, points: usize) {
-    let study = study("mesh.toml");
-    let job = study.jobs.iter().find(|job| job.points == points).unwrap();
-    let measurement = measured(&study, &job.settings, points);
-    let (_, scheme) = discretise(&study.model, &job.settings, points, study.motion.duration());
-    bencher.bench_local(|| start_guess(&study.model, scheme.as_ref(), points, &measurement));
+    with_job(points, |study, _, measurement, _, scheme| {
+        bencher.bench_local(|| start_guess(&study.model, scheme, points, measurement));
+    });
 }
 
 fn run_study(study: &Study, threads: usize) {

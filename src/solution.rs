@@ -198,9 +198,7 @@ impl Solution<'_> {
             let z = self.problem.local(j, &self.iterate.x);
             let dz = self.problem.local(j, direction);
             for (m, muscle) in self.model().muscles.iter().enumerate() {
-                let at = instant.muscle(m);
-                let force = muscle.fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]);
-                let change: f64 = force.gradient.iter().zip(&dz[at..at + 3]).map(|(g, d)| g * d).sum();
+                let change = instant.fibre_force_change(&z, &dz, m);
                 slopes[m] += weight / duration * muscle.max_isometric_force * change;
             }
         }
@@ -338,11 +336,6 @@ pub fn moves_load(problem: &Collocation<'_>, x: &[f64], direction: &[f64], thres
     (0..problem.layout.points.len()).filter(|&j| problem.layout.points[j].complete).any(|j| {
         let z = problem.local(j, x);
         let dz = problem.local(j, direction);
-        instant.model.muscles.iter().enumerate().any(|(m, muscle)| {
-            let at = instant.muscle(m);
-            let force = muscle.fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]);
-            let change: f64 = force.gradient.iter().zip(&dz[at..at + 3]).map(|(g, d)| g * d).sum();
-            change.abs() > threshold
-        })
+        (0..instant.model.muscles.len()).any(|m| instant.fibre_force_change(&z, &dz, m).abs() > threshold)
     })
 }

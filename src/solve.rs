@@ -169,7 +169,8 @@ fn solve_timed(
     (outcome, answer)
 }
 
-fn motion_settings(settings: &Settings) -> MotionSettings {
+/// How the motion is measured for a job with these settings.
+pub fn motion_settings(settings: &Settings) -> MotionSettings {
     MotionSettings {
         measurement_ratio: settings.measured_per_interval(),
         smoothing_hz: settings.smoothing_hz,

@@ -133,27 +133,27 @@ pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &
     let times = &problem.layout.times;
     let step = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
     for direction in null_directions {
-        let mut before: BTreeMap<(usize, usize), f64> = BTreeMap::new();
+        let mut before: BTreeMap<(usize, usize, bool), f64> = BTreeMap::new();
         for j in 0..problem.layout.points.len() {
             let z = problem.local(j, direction);
             // A state that alternates may vanish at every point: its rate over a step tells. Values and rates follow separately.
-            let mut note = |what: (usize, usize), is_rate: usize, value: f64| {
+            let mut note = |what: (usize, usize), is_rate: bool, value: f64| {
                 let share = shares.entry(what).or_default();
                 share.0 += value * value;
-                share.1 += value * before.insert((what.0, 2 * what.1 + is_rate), value).unwrap_or(0.0);
+                share.1 += value * before.insert((what.0, what.1, is_rate), value).unwrap_or(0.0);
                 total += value * value;
             };
             for m in 0..model.muscles.len() {
                 let at = instant.muscle(m);
                 for kind in [ACTIVATION, LENGTH, EXCITATION] {
-                    note((m, kind), 0, z[at + kind]);
+                    note((m, kind), false, z[at + kind]);
                 }
-                note((m, ACTIVATION), 1, 0.5 * step * z[at + ACTIVATION_RATE]);
-                note((m, LENGTH), 1, 0.5 * step * z[at + VELOCITY]);
+                note((m, ACTIVATION), true, 0.5 * step * z[at + ACTIVATION_RATE]);
+                note((m, LENGTH), true, 0.5 * step * z[at + VELOCITY]);
             }
             // Joint reactions follow from the muscles: they go unsaid.
             let motion = z[..model.coordinates()].iter().map(|v| v * v).sum::<f64>().sqrt();
-            note((model.muscles.len(), 0), 0, motion);
+            note((model.muscles.len(), 0), false, motion);
         }
     }
     let mut parts: Vec<(f64, String)> = shares

@@ -322,8 +322,7 @@ impl Sqp<'_> {
             self.curved = damping > self.damping;
             let whole = accepted.fraction == 1.0;
             self.damping = if whole && attempt == 0 { (LOWER * damping).max(self.floor) } else { damping };
-            let direction = step.direction.clone();
-            self.take(step, accepted, leaps, record);
+            let direction = self.take(step, accepted, leaps, record);
             let creeps = error.largest() < 1.0 && self.here.kkt_error().largest() > CREEPING * error.largest();
             if creeps && whole && damping > SHORTENING {
                 self.extend(&direction, damping, record);
@@ -581,8 +580,8 @@ impl Sqp<'_> {
         }
     }
 
-    /// Moves to the accepted point.
-    fn take(&mut self, step: Step, accepted: Accepted, leaps: bool, record: &mut Record) {
+    /// Moves to the accepted point; gives back the step's direction.
+    fn take(&mut self, step: Step, accepted: Accepted, leaps: bool, record: &mut Record) -> Vec<f64> {
         let Accepted { mut trial, fraction, .. } = accepted;
         record.step_norm = distance(&self.here.x, &trial.x);
         // A leap has left multipliers and derivatives.
@@ -594,6 +593,7 @@ impl Sqp<'_> {
         }
         self.here = trial;
         self.active = Some(step.active);
+        step.direction
     }
 
     /// Feasibility phase: lowers ½‖c‖² by Levenberg–Marquardt steps that keep the linearised inequalities, until the filter

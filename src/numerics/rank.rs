@@ -17,6 +17,15 @@ pub struct Rank {
     pub singular_values: Vec<f64>,
 }
 
+impl Rank {
+    /// From all singular values of a matrix, at least one, not increasing.
+    fn new(rows: usize, columns: usize, singular_values: Vec<f64>) -> Self {
+        let tolerance = tolerance(rows, columns, singular_values[0]);
+        let rank = singular_values.iter().filter(|&&s| s > tolerance).count();
+        Self { rows, columns, rank, tolerance, singular_values }
+    }
+}
+
 /// The default tolerance of MATLAB's `rank`, which the thesis used.
 pub fn tolerance(rows: usize, columns: usize, sigma_max: f64) -> f64 {
     rows.max(columns) as f64 * f64::EPSILON * sigma_max
@@ -34,10 +43,7 @@ pub fn by_svd(matrix: &Mat<f64>) -> Option<Rank> {
     if !matrix.is_all_finite() {
         return None;
     }
-    let singular_values: Vec<f64> = matrix.singular_values().ok()?;
-    let tolerance = tolerance(rows, columns, singular_values[0]);
-    let rank = singular_values.iter().filter(|&&s| s > tolerance).count();
-    Some(Rank { rows, columns, rank, tolerance, singular_values })
+    Some(Rank::new(rows, columns, matrix.singular_values().ok()?))
 }
 
 /// [`by_svd`], and an orthonormal basis of the null space.
@@ -50,16 +56,16 @@ pub fn with_null_space(matrix: &Mat<f64>) -> Option<(Rank, Vec<Vec<f64>>)> {
     let reduced = Qr::new(matrix.as_ref());
     let mut r = Mat::zeros(columns, columns);
     r.submatrix_mut(0, 0, rows.min(columns), columns).copy_from(reduced.thin_R());
-    let singular_values: Vec<f64> = r.singular_values().ok()?.into_iter().take(rows.min(columns)).collect();
-    let tolerance = tolerance(rows, columns, singular_values[0]);
-    let rank = singular_values.iter().filter(|&&s| s > tolerance).count();
+    let mut singular_values: Vec<f64> = r.singular_values().ok()?;
+    singular_values.truncate(rows.min(columns));
+    let rank = Rank::new(rows, columns, singular_values);
     let mut null_space = Vec::new();
-    if rank < columns {
+    if rank.rank < columns {
         let svd = r.svd().ok()?;
         let v = svd.V();
-        null_space = (rank..columns).map(|k| (0..columns).map(|i| v[(i, k)]).collect()).collect();
+        null_space = (rank.rank..columns).map(|k| (0..columns).map(|i| v[(i, k)]).collect()).collect();
     }
-    Some((Rank { rows, columns, rank, tolerance, singular_values }, null_space))
+    Some((rank, null_space))
 }
 
 /// Rank by QR with column pivoting: several times cheaper than [`by_svd`], and another factorisation.

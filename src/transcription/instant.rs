@@ -157,6 +157,13 @@ impl<'m> Instant<'m> {
         self.model.muscles[muscle].fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]).value
     }
 
+    /// How f_m changes along the direction `dz`.
+    pub fn fibre_force_change(&self, z: &[f64], dz: &[f64], muscle: usize) -> f64 {
+        let at = self.muscle(muscle);
+        let force = self.model.muscles[muscle].fibre_force(z[at + ACTIVATION], z[at + LENGTH], z[at + VELOCITY]);
+        force.gradient.iter().zip(&dz[at..at + 3]).map(|(g, d)| g * d).sum()
+    }
+
     /// The tendon strain of a muscle, and its slope over the local variables that it depends on.
     pub fn tendon_strain(&self, z: &[f64], muscle: usize) -> (f64, Vec<(usize, f64)>) {
         let at = self.muscle(muscle) + LENGTH;

@@ -3,7 +3,7 @@
 use rand::{RngExt, SeedableRng};
 use sinew::guess::start_guess;
 use sinew::model::Model;
-use sinew::motion::{Measurement, MotionSettings};
+use sinew::motion::Measurement;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::regularity;
 use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
@@ -16,24 +16,17 @@ use sinew::transcription::prediction::predict;
 use sinew::transcription::radau::Radau;
 use sinew::transcription::scheme::Discretisation;
 
-use super::support::{model, motion};
+use super::support::{self, measured, model, motion};
 
 fn settings(stages: usize, change: impl FnOnce(&mut Settings)) -> Settings {
-    let mut settings = Settings { h: 0.2, scheme: Scheme::Radau, stages, ..Settings::default() };
-    change(&mut settings);
-    settings
+    support::settings(|s| {
+        (s.scheme, s.stages) = (Scheme::Radau, stages);
+        change(s);
+    })
 }
 
 fn measure(model: &Model, settings: &Settings, points: usize) -> Measurement {
-    let motion_settings = MotionSettings {
-        measurement_ratio: settings.measured_per_interval(),
-        smoothing_hz: 0.0,
-        noise_sd: 0.0,
-        seed: 1,
-        time_scale: 1.0,
-        changes: Vec::new(),
-    };
-    motion_settings.measure(&motion("arm_curl.csv", model), model, points).unwrap()
+    measured(settings, model, &motion("arm_curl.csv", model), points)
 }
 
 /// Excitation of muscle `m` in the forward problem: smooth, never at a bound.

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use sinew::error::SourceFile;
 use sinew::model::Model;
 use sinew::model::file::ModelFile;
-use sinew::motion::{Measurement, MotionSettings, MotionTable};
+use sinew::motion::{Measurement, MotionTable};
+use sinew::solve::motion_settings;
 use sinew::study::Study;
 use sinew::study::settings::{Scheme, Settings};
 use sinew::transcription::instant::{Form, Instant};
@@ -49,15 +50,7 @@ pub fn settings(change: impl FnOnce(&mut Settings)) -> Settings {
 
 /// The measurement that settings ask for, on `points` collocation points.
 pub fn measured(settings: &Settings, model: &Model, table: &MotionTable, points: usize) -> Measurement {
-    let motion = MotionSettings {
-        measurement_ratio: settings.measured_per_interval(),
-        smoothing_hz: 0.0,
-        noise_sd: 0.0,
-        seed: 1,
-        time_scale: 1.0,
-        changes: Vec::new(),
-    };
-    motion.measure(table, model, points).unwrap()
+    motion_settings(settings).measure(table, model, points).unwrap()
 }
 
 /// Measurement and scheme of a motion on `points` points.
