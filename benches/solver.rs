@@ -156,7 +156,8 @@ fn guess(bencher: Bencher, points: usize) {
 
 fn run_study(study: &Study, threads: usize) {
     let folder = tempfile::tempdir().unwrap();
-    let options = RunOptions { out: folder.path().to_owned(), threads: Some(threads), fresh: true };
+    let options =
+        RunOptions { out: folder.path().to_owned(), threads: Some(threads), fresh: true, ..RunOptions::default() };
     run(study, &options, &AtomicBool::new(false)).unwrap();
 }
 

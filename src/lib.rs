@@ -23,6 +23,7 @@
 //! outcome.rs      the rows that a job leaves
 //! run/            jobs in parallel, kept as they finish
 //! tables/         the columns, Parquet
+//! compare.rs      results against a baseline, from the tables alone
 //! table1.rs       results beside the thesis' Table 1
 //! cli/            one file a command
 //! ```
@@ -35,7 +36,11 @@
 // Index loops read like the formulas they are.
 #![allow(clippy::needless_range_loop)]
 
+/// Version of the solver that results carry, see `build.rs`.
+pub const SOLVER: &str = env!("SINEW_SOLVER");
+
 pub mod cli;
+pub mod compare;
 pub mod error;
 pub mod guess;
 pub mod model;

@@ -1,9 +1,12 @@
 //! The command line: one file a command.
 
 mod check;
+mod compare;
 mod plan;
 mod run;
 mod show;
+mod slurm;
+mod status;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -11,6 +14,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::error::Result;
+use crate::run::{RunOptions, Shard};
 
 /// Parallel parameter studies of inverse musculoskeletal biomechanics: muscle loads, and whether they are unique.
 #[derive(Parser)]
@@ -20,8 +24,9 @@ use crate::error::Result;
   sinew plan studies/table1.toml                see the jobs without solving any
   sinew show results/table1                     print the tables of results again
   sinew check my_study.toml my_model.toml       look for mistakes
+  sinew compare results/nightly results/baselines/nightly     has anything changed?
 
-Exit code: 0 good, 1 some jobs failed, 2 bad input, 130 interrupted.")]
+Exit code: 0 good, 1 some jobs failed or drift was found, 2 bad input, 130 interrupted.")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -29,11 +34,16 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// List the jobs of a study without solving any
-    #[command(after_help = "Example:\n  sinew plan studies/table1.toml --all")]
+    /// List the jobs of a study, and why each would be solved or not
+    #[command(after_help = "Examples:
+  sinew plan studies/table1.toml --all
+  sinew plan studies/table1.toml --out /tmp/table1")]
     Plan {
-        /// Study file (.toml)
+        /// Study file (.toml), or the manifest.json of a run
         study: PathBuf,
+        /// Results folder to look into [default: results/<name of the study>]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
         /// List every job, not only the first 20
         #[arg(long)]
         all: bool,
@@ -42,11 +52,14 @@ enum Command {
     #[command(after_help = "Examples:
   sinew run studies/table1.toml
   sinew run studies/table1.toml --out /tmp/table1 --jobs 1
+  sinew run studies/table1.toml --failed        solve failed jobs again, nothing else
   sinew run studies/table1.toml --fresh         forget earlier results first
+  sinew run results/table1 --out /tmp/again     the same study again, from its manifest alone
+  seq 0 3 | parallel --joblog log --resume-failed sinew run STUDY --shard {}/4; sinew merge results/NAME
 
 Ctrl-C keeps everything finished; run the same command again to go on.")]
     Run {
-        /// Study file (.toml)
+        /// Study file (.toml), or the manifest.json of a run or its folder
         study: PathBuf,
         /// Results folder [default: results/<name of the study>]
         #[arg(long, value_name = "DIR")]
@@ -57,7 +70,65 @@ Ctrl-C keeps everything finished; run the same command again to go on.")]
         /// Forget the results that the folder holds
         #[arg(long)]
         fresh: bool,
+        /// Solve failed jobs again
+        #[arg(long)]
+        failed: bool,
+        /// Solve jobs again that another version of the solver has finished
+        #[arg(long)]
+        outdated: bool,
+        /// Only part I of N, I from 0; `sinew merge` makes the tables when all parts are there
+        #[arg(long, value_name = "I/N", conflicts_with = "fresh")]
+        shard: Option<Shard>,
     },
+    /// Make the tables from what all shards have finished; may be repeated at any time
+    #[command(after_help = "Example:\n  sinew merge results/mu_sweep")]
+    Merge {
+        /// Results folder
+        dir: PathBuf,
+    },
+    /// How far a results folder is: counts, failures, time left
+    #[command(after_help = "Example:\n  sinew status results/mu_sweep")]
+    Status {
+        /// Results folder
+        dir: PathBuf,
+    },
+    /// Look for differences from a baseline, job by job; exit code 1 if there are any
+    #[command(after_help = "Examples:
+  sinew compare results/nightly results/baselines/nightly
+  sinew compare results/nightly results/baselines/nightly --junit report.xml --json report.json
+  sinew compare results/nightly results/baselines/nightly --tolerance mean_force_n=1e-4 --tolerance iterations=ignore
+  sinew compare results/nightly results/baselines/nightly --accept       these are right from now on
+
+Ranks, statuses and counts are exact, numbers to 1e-6; a file tolerances.toml in the baseline may say otherwise by column.")]
+    Compare {
+        /// Results folder
+        dir: PathBuf,
+        /// Folder of the baseline
+        baseline: PathBuf,
+        /// Relative tolerance of a column, or `exact`, or `ignore`
+        #[arg(long, value_name = "COLUMN=TOLERANCE", value_parser = compare::tolerance)]
+        tolerance: Vec<(String, crate::compare::Tolerance)>,
+        /// Write the differences for programs
+        #[arg(long, value_name = "FILE")]
+        json: Option<PathBuf>,
+        /// Write a test report (JUnit XML), a test a job
+        #[arg(long, value_name = "FILE")]
+        junit: Option<PathBuf>,
+        /// Make these results the baseline
+        #[arg(long)]
+        accept: bool,
+    },
+    /// Write (and submit) a Slurm job array for a study, and the merge after it
+    #[command(after_help = "Examples:
+  sinew slurm studies/mu_sweep.toml --shards 50 --time 02:00:00
+  sinew slurm studies/mu_sweep.toml --shards 50 --submit
+  sinew slurm studies/mu_sweep.toml --submit                    again: only shards with something missing
+
+The folder must be on a file system that all nodes share.")]
+    Slurm(slurm::Arguments),
+    /// Print the JSON Schema of study files, for editors
+    #[command(after_help = "Example:\n  sinew schema > study.schema.json")]
+    Schema,
     /// Print the tables of a results folder
     #[command(after_help = "Example:\n  sinew show results/table1 --all")]
     Show {
@@ -92,8 +163,21 @@ const INTERRUPTED: u8 = 130;
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result: Result<u8> = match cli.command {
-        Command::Plan { study, all } => plan::plan(&study, all),
-        Command::Run { study, out, jobs, fresh } => run::run(&study, out, jobs.map(usize::from), fresh),
+        Command::Plan { study, out, all } => plan::plan(&study, out, all),
+        Command::Run { study, out, jobs, fresh, failed, outdated, shard } => {
+            let (out, threads) = (out.unwrap_or_default(), jobs.map(usize::from));
+            run::run(&study, RunOptions { out, threads, fresh, failed, outdated, shard })
+        }
+        Command::Merge { dir } => run::merge(&dir),
+        Command::Status { dir } => status::status(&dir),
+        Command::Compare { dir, baseline, tolerance, json, junit, accept } => {
+            compare::compare(&dir, &baseline, &compare::Options { tolerances: tolerance, json, junit, accept })
+        }
+        Command::Slurm(arguments) => slurm::slurm(&arguments),
+        Command::Schema => {
+            print(&format!("{:#}", crate::study::file::schema()));
+            Ok(GOOD)
+        }
         Command::Show { dir, all } => show::show(&dir, all),
         Command::Check { files, model } => check::check(&files, model.as_deref()),
     };

@@ -1,17 +1,19 @@
-//! `sinew run`: solve, keep, show.
+//! `sinew run` and `sinew merge`: solve, keep, show.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{FAILED_JOBS, GOOD, INTERRUPTED, print, show};
 use crate::error::Result;
-use crate::run::{RunOptions, default_folder, run as run_study};
+use crate::run::{Ended, RunOptions, collect, default_folder, run as run_study};
 use crate::study::Study;
 
-pub fn run(path: &Path, out: Option<PathBuf>, threads: Option<usize>, fresh: bool) -> Result<u8> {
+/// Runs a study; `options.out` is empty for the usual folder.
+pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
     let study = Study::load(path)?;
-    let out = out.unwrap_or_else(|| default_folder(&study));
+    let out = if options.out.as_os_str().is_empty() { default_folder(&study) } else { options.out.clone() };
+    let options = RunOptions { out: out.clone(), ..options };
     let stop = Arc::new(AtomicBool::new(false));
     let on_signal = Arc::clone(&stop);
     // A handler that is there already (in tests) serves as well.
@@ -21,18 +23,54 @@ pub fn run(path: &Path, out: Option<PathBuf>, threads: Option<usize>, fresh: boo
         }
         eprintln!("\nstopping after the jobs at work; everything finished is kept (Ctrl-C again stops now)");
     });
-    let report = run_study(&study, &RunOptions { out: out.clone(), threads, fresh }, &stop)?;
-    show::show(&out, false)?;
-    print("");
+    let report = run_study(&study, &options, &stop)?;
+    match options.shard {
+        None => {
+            show::show(&out, false)?;
+            print("");
+        }
+        Some(shard) => print(&format!("shard {}/{} of {}", shard.index, shard.count, study.name)),
+    }
     let kept = if report.kept > 0 { format!(" ({} of them from an earlier run)", report.kept) } else { String::new() };
-    print(&format!("{} of {} job(s) finished{kept}, tables in {}", report.finished, report.jobs, out.display()));
-    if report.interrupted {
-        print("interrupted: run the same command again to go on");
-        return Ok(INTERRUPTED);
+    let place = if options.shard.is_some() { "`sinew merge` makes the tables in" } else { "tables in" };
+    print(&format!("{} of {} job(s) finished{kept}, {place} {}", report.finished, report.jobs, out.display()));
+    match report.ended {
+        Ended::Interrupted => {
+            print("interrupted: run the same command again to go on");
+            Ok(INTERRUPTED)
+        }
+        Ended::FirstFailure => {
+            print(
+                "stopped at a failed job, as on_failure = \"stop\" asks: run again to go on with the others, with --failed to \
+                 solve it again",
+            );
+            Ok(FAILED_JOBS)
+        }
+        Ended::Complete if report.failed > 0 => {
+            print(&format!(
+                "{} job(s) did not converge: see status and error in jobs.parquet; --failed solves them again",
+                report.failed
+            ));
+            Ok(FAILED_JOBS)
+        }
+        Ended::Complete => Ok(GOOD),
     }
-    if report.failed > 0 {
-        print(&format!("{} job(s) did not converge: see status and error in jobs.parquet", report.failed));
-        return Ok(FAILED_JOBS);
+}
+
+/// Makes the tables from what all shards have finished.
+pub fn merge(dir: &Path) -> Result<u8> {
+    let (study, collected) = collect::merge(dir)?;
+    show::show(dir, false)?;
+    print("");
+    print(&format!("{} of {} job(s) finished, tables in {}", collected.finished(), collected.jobs, dir.display()));
+    let missing = collected.jobs - collected.finished();
+    if missing > 0 {
+        print(&format!(
+            "{missing} job(s) are missing: `sinew status {}` names them; run their shards again, or `sinew run {} --out {}`",
+            dir.display(),
+            study.sources.study.path.display(),
+            dir.display()
+        ));
     }
-    Ok(GOOD)
+    Ok(if missing + collected.failed() > 0 { FAILED_JOBS } else { GOOD })
 }

@@ -1,39 +1,37 @@
 //! `sinew show`: the tables of a results folder in the terminal, from the Parquet files alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 use comfy_table::{CellAlignment, Table as Grid, presets::NOTHING};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result};
+use crate::run::manifest::Manifest;
 use crate::study::sweep::SAMPLE;
 use crate::table1::{Group, THESIS, groups, thesis};
-use crate::tables::{self, Table};
+use crate::tables::{self, Table, schema};
 
 const FIRST: usize = 24;
 const BEST: usize = 5;
 
-/// Columns of `jobs` before and after those of the axes.
-const BEFORE: [&str; 2] = ["job_id", "index"];
-const AFTER: &str = "status";
-
 pub fn show(dir: &Path, all: bool) -> Result<u8> {
-    let manifest = dir.join("manifest.json");
-    if !manifest.exists() {
-        let reason = "there is no manifest.json in it, so it holds no finished run of Sinew; `sinew run STUDY` makes one, and \
-                      goes on with one that was cut off";
+    let Some(manifest) = Manifest::read(dir)? else {
+        let reason = "there is no manifest.json in it, so it is no results folder; `sinew run STUDY` makes one";
         return Err(Error::table("show", dir, reason));
+    };
+    if !dir.join("jobs.parquet").exists() {
+        let reason = "its run has not ended, so there are no tables; `sinew status` tells how far it is, `sinew merge` makes \
+                      tables of what is finished";
+        return Err(Error::table("show", dir, reason));
+    }
+    for name in manifest.altered(dir) {
+        eprintln!("warning: {} is not the file that its manifest speaks of", dir.join(name).display());
     }
     let read = |name: &'static str| tables::read(name, &dir.join(format!("{name}.parquet")));
     let (jobs, regularity, muscles) = (read("jobs")?, read("regularity")?, read("muscles")?);
-    let axes: Vec<String> = jobs
-        .columns
-        .iter()
-        .map(|(name, _)| name.clone())
-        .filter(|name| !BEFORE.contains(&name.as_str()))
-        .take_while(|name| name != AFTER)
-        .collect();
+    let ratios = if dir.join("ratios.parquet").exists() { Some(read("ratios")?) } else { None };
+    let axes = schema::axes(&jobs);
     counts(&jobs);
     let groups = groups(&jobs, &regularity, &axes);
     let sampled = axes.iter().any(|axis| axis == SAMPLE);
@@ -48,6 +46,9 @@ pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let limit = if all { jobs.rows() } else { FIRST.min(jobs.rows()) };
     job_table(&jobs, &regularity, &axes, limit);
     muscle_table(&jobs, &muscles, limit);
+    if let Some(ratios) = &ratios {
+        ratio_table(&jobs, ratios, &axes, limit);
+    }
     freedoms(&jobs, &regularity, &muscles, limit);
     remarks(&jobs, limit, usize::MAX);
     if limit < jobs.rows() {
@@ -274,7 +275,32 @@ fn muscle_table(jobs: &Table, muscles: &Table, limit: usize) {
     print(&format!("\nMuscle forces, mean/peak in N\n{}", table.trim_fmt()));
 }
 
-/// Reasons of failed jobs, `most` of them, and remarks on the first `limit` jobs.
+/// Load ratios against what is swept.
+fn ratio_table(jobs: &Table, ratios: &Table, axes: &[String], limit: usize) {
+    let mut names: Vec<(String, String)> = Vec::new();
+    let mut values: HashMap<&str, HashMap<(String, String), f64>> = HashMap::new();
+    for row in 0..ratios.rows() {
+        let text = |column: &str| ratios.text(column, row).unwrap_or_default().to_owned();
+        let name = (text("ratio"), text("measure"));
+        if !names.contains(&name) {
+            names.push(name.clone());
+        }
+        if let (Some(job), Some(value)) = (ratios.text("job_id", row), ratios.number("value", row)) {
+            values.entry(job).or_default().insert(name, value);
+        }
+    }
+    let heads = names.iter().map(|(ratio, measure)| format!("{ratio} ({measure})"));
+    let mut table = grid(std::iter::once("job".to_owned()).chain(axes.iter().cloned()).chain(heads).collect());
+    for row in 0..limit {
+        let Some(of_job) = jobs.text("job_id", row).and_then(|id| values.get(id)) else { continue };
+        let mut cells = vec![jobs.display("index", row).unwrap_or_default()];
+        cells.extend(axes.iter().map(|axis| short(&jobs.display(axis, row).unwrap_or_default())));
+        cells.extend(names.iter().map(|name| of_job.get(name).map_or("–".to_owned(), |value| format!("{value:.4}"))));
+        table.add_row(cells);
+    }
+    print(&format!("\nLoad ratios\n{}", table.trim_fmt()));
+}
+
 /// What may move in the answers that are not unique, and how far the mean activations.
 fn freedoms(jobs: &Table, regularity: &Table, muscles: &Table, limit: usize) {
     let mut lines: BTreeMap<&str, (String, Vec<String>)> = BTreeMap::new();
@@ -306,6 +332,7 @@ fn freedoms(jobs: &Table, regularity: &Table, muscles: &Table, limit: usize) {
     }
 }
 
+/// Reasons of failed jobs, `most` of them, and remarks on the first `limit` jobs.
 fn remarks(jobs: &Table, limit: usize, most: usize) {
     let mut failed = 0;
     for row in 0..jobs.rows() {

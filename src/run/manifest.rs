@@ -1,62 +1,192 @@
-//! `manifest.json`: the resolved plan, versions, host and the hash of each file.
+//! `manifest.json`: the plan, frozen before the first job begins, with the texts it was made from; versions, host, and in the
+//! end the hash of each table. It alone is enough to run the study again (`sinew run manifest.json`).
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
-use serde_json::json;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
 
+use crate::SOLVER;
 use crate::error::{Error, Result};
-use crate::study::Study;
+use crate::study::settings::Value;
+use crate::study::sources::Sources;
+use crate::study::{Job, Study};
 use crate::tables::schema;
+
+pub const FILE: &str = "manifest.json";
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Manifest {
+    pub sinew: Versions,
+    pub study: StudyPart,
+    pub host: Host,
+    /// Jobs with a result when this was written.
+    pub finished: usize,
+    /// Hash of each table, by file name.
+    pub files: BTreeMap<String, String>,
+    pub sources: Sources,
+    /// Names of what is swept.
+    pub axes: Vec<String>,
+    /// Settings of a job, where its own do not say otherwise.
+    pub base: Map<String, Json>,
+    pub jobs: Vec<PlannedJob>,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Versions {
+    pub version: String,
+    pub solver: String,
+    pub schema_version: u32,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct StudyPart {
+    pub name: String,
+    pub description: String,
+    pub file: PathBuf,
+    /// Hash of all job ids in their order.
+    pub hash: String,
+    pub model: FilePart,
+    pub motion: FilePart,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FilePart {
+    pub file: PathBuf,
+    pub hash: String,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Host {
+    pub name: Option<String>,
+    pub os: String,
+    pub arch: String,
+    pub threads: Option<usize>,
+}
+
+/// A job of the plan.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PlannedJob {
+    pub job_id: String,
+    pub index: usize,
+    /// In the order of the axes.
+    pub swept: Vec<Option<Value>>,
+    /// What differs from the base.
+    pub settings: Map<String, Json>,
+    /// Changed numbers of the model, by path.
+    pub model_changes: BTreeMap<String, f64>,
+    pub points: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warm_start_from: Option<String>,
+}
+
+pub fn fields(settings: &crate::study::settings::Settings) -> Map<String, Json> {
+    match serde_json::to_value(settings) {
+        Ok(Json::Object(map)) => map,
+        _ => unreachable!("settings are a struct"),
+    }
+}
+
+fn planned(job: &Job, base: &Map<String, Json>) -> PlannedJob {
+    let mut settings = fields(&job.settings);
+    settings.retain(|key, value| base.get(key) != Some(value));
+    PlannedJob {
+        job_id: job.id.clone(),
+        index: job.index,
+        swept: job.swept.clone(),
+        settings,
+        model_changes: job.changes.iter().map(|change| (change.path.clone(), change.value)).collect(),
+        points: job.points,
+        warm_start_from: job.warm_start_from.clone(),
+    }
+}
+
+impl Manifest {
+    /// Of a study before anything is solved.
+    pub fn of(study: &Study) -> Self {
+        let base = fields(&study.base);
+        Self {
+            sinew: Versions {
+                version: env!("CARGO_PKG_VERSION").to_owned(),
+                solver: SOLVER.to_owned(),
+                schema_version: schema::VERSION,
+            },
+            study: StudyPart {
+                name: study.name.clone(),
+                description: study.description.clone(),
+                file: study.sources.study.path.clone(),
+                hash: study.hash(),
+                model: FilePart { file: study.sources.model.path.clone(), hash: study.model_hash.clone() },
+                motion: FilePart { file: study.sources.motion.path.clone(), hash: study.motion_hash.clone() },
+            },
+            host: Host {
+                name: std::fs::read_to_string("/etc/hostname").map(|n| n.trim().to_owned()).ok(),
+                os: std::env::consts::OS.to_owned(),
+                arch: std::env::consts::ARCH.to_owned(),
+                threads: std::thread::available_parallelism().map(usize::from).ok(),
+            },
+            finished: 0,
+            files: BTreeMap::new(),
+            sources: study.sources.clone(),
+            axes: study.axes.clone(),
+            jobs: study.jobs.iter().map(|job| planned(job, &base)).collect(),
+            base,
+        }
+    }
+
+    /// Reads the manifest of a results folder; `None` if there is none.
+    ///
+    /// # Errors
+    /// If there is one that cannot be read.
+    pub fn read(folder: &Path) -> Result<Option<Self>> {
+        let path = folder.join(FILE);
+        let bytes = match std::fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(Error::io("read", &path, error)),
+        };
+        serde_json::from_slice(&bytes).map(Some).map_err(|e| {
+            let reason = format!("it is damaged, or of another version ({e}); run the study again to write it anew");
+            Error::table("read", &path, reason)
+        })
+    }
+
+    /// Writes it, whole or not at all.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(FILE);
+        // A name of its own, because shards may write at one time.
+        let partial = folder.join(format!("{FILE}.{}.part", std::process::id()));
+        let bytes = serde_json::to_vec(self).expect("a manifest is plain data");
+        std::fs::write(&partial, bytes)
+            .and_then(|()| std::fs::rename(&partial, &path))
+            .map_err(|e| Error::io("write", &path, e))
+    }
+
+    /// Files of a folder that are no longer those the manifest speaks of.
+    pub fn altered(&self, folder: &Path) -> Vec<String> {
+        let same = |(name, hash): &(&String, &String)| file_hash(&folder.join(name)).is_ok_and(|found| found == **hash);
+        self.files.iter().filter(|file| !same(file)).map(|(name, _)| name.clone()).collect()
+    }
+}
+
+/// Hash of a file's bytes.
+pub fn file_hash(path: &Path) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    let file = std::fs::File::open(path).map_err(|e| Error::io("read", path, e))?;
+    hasher.update_reader(file).map_err(|e| Error::io("read", path, e))?;
+    Ok(hasher.finalize().to_hex().to_string())
+}
 
 /// Key–value metadata of every Parquet file of a study.
 pub fn provenance(study: &Study) -> Vec<(String, String)> {
     vec![
         ("sinew.version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("sinew.solver".to_owned(), SOLVER.to_owned()),
         ("sinew.schema_version".to_owned(), schema::VERSION.to_string()),
         ("sinew.study".to_owned(), study.name.clone()),
         ("sinew.study_hash".to_owned(), study.hash()),
-        ("sinew.model_hash".to_owned(), study.model_hash()),
+        ("sinew.model_hash".to_owned(), study.model_hash.clone()),
+        ("sinew.motion_hash".to_owned(), study.motion_hash.clone()),
     ]
-}
-
-pub fn write(study: &Study, finished: usize, files: &[(String, String)], path: &Path) -> Result<()> {
-    let jobs: Vec<serde_json::Value> = study
-        .jobs
-        .iter()
-        .map(|job| {
-            json!({
-                "job_id": job.id,
-                "index": job.index,
-                "settings": job.settings,
-                "model_changes": job.changes,
-                "swept": job.swept,
-                "points": job.points,
-            })
-        })
-        .collect();
-    let manifest = json!({
-        "sinew": { "version": env!("CARGO_PKG_VERSION"), "schema_version": schema::VERSION },
-        "study": {
-            "name": study.name,
-            "description": study.description,
-            "file": study.path,
-            "hash": study.hash(),
-            "model": { "file": study.model_path, "hash": study.model_hash() },
-            "motion": { "file": study.motion_path, "hash": study.motion_hash() },
-        },
-        "host": {
-            "name": std::fs::read_to_string("/etc/hostname").map(|n| n.trim().to_owned()).ok(),
-            "os": std::env::consts::OS,
-            "arch": std::env::consts::ARCH,
-            "threads": std::thread::available_parallelism().map(usize::from).ok(),
-        },
-        "finished": finished,
-        "files": files.iter().cloned().collect::<std::collections::BTreeMap<_, _>>(),
-        "jobs": jobs,
-    });
-    let text = serde_json::to_string_pretty(&manifest).map_err(|e| Error::io("write", path, e.into()))?;
-    let partial = path.with_extension("json.part");
-    std::fs::write(&partial, text)
-        .and_then(|()| std::fs::rename(&partial, path))
-        .map_err(|e| Error::io("write", path, e))
 }

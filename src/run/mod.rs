@@ -1,39 +1,79 @@
-//! Runs a study: jobs in parallel, each finished one on disk before the next is counted, tables at the end.
+//! Runs a study: jobs in parallel, each finished one on disk before it is counted, tables at the end.
 //!
-//! Knows rayon and indicatif; `solve` knows neither. A finished job is one line of `finished.jsonl`, flushed; a run that was
-//! cut off goes on where it stopped, and the tables are made from the same lines either way.
+//! Knows rayon and indicatif; `solve` knows neither. A finished job is one line on disk; a run that was cut off goes on where
+//! it stopped, and the tables are made from the same lines either way.
 
-mod manifest;
+pub mod collect;
+pub mod manifest;
 mod progress;
-mod store;
+pub mod reasons;
+mod retry;
+pub mod store;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 
 use rayon::prelude::*;
 
+use crate::SOLVER;
 use crate::error::{Error, Result};
 use crate::outcome::{Outcome, Status};
 use crate::solve::solve_from;
+use crate::study::file::OnFailure;
 use crate::study::{Job, Study};
-use crate::tables::{self, schema};
 use crate::warm::Answer;
+use collect::write_tables;
+use manifest::Manifest;
 use progress::Progress;
-use store::Store;
+use store::{Header, Store};
 
 /// How to run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RunOptions {
     pub out: PathBuf,
     /// Jobs at a time; all cores if `None`.
     pub threads: Option<usize>,
     /// Forget earlier results of this folder.
     pub fresh: bool,
+    /// Solve failed jobs again.
+    pub failed: bool,
+    /// Solve jobs again that another version of the solver has finished.
+    pub outdated: bool,
+    /// Only this part of the study, and no tables: `merge` makes them when all parts are there.
+    pub shard: Option<Shard>,
 }
 
-/// How it went.
+/// Part `index` of `count`: every `count`-th block of jobs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// From 0.
+    pub index: usize,
+    pub count: usize,
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match parts {
+            Some((index, count)) if index < count => Ok(Self { index, count }),
+            _ => Err(format!("`{text}` is no shard; write I/N with I from 0 to N - 1, such as 0/4")),
+        }
+    }
+}
+
+impl Shard {
+    /// Whether block number `block` is of this part.
+    pub fn has(self, block: usize) -> bool {
+        block % self.count == self.index
+    }
+}
+
+/// How it went, for the jobs of this run's part of the study.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunReport {
     pub jobs: usize,
@@ -42,8 +82,18 @@ pub struct RunReport {
     pub failed: usize,
     /// Taken from an earlier run.
     pub kept: usize,
-    /// Stopped by the user before all jobs were done.
-    pub interrupted: bool,
+    /// Not all jobs were done.
+    pub ended: Ended,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    Complete,
+    /// The user stopped it.
+    Interrupted,
+    /// A job failed, and the study asks to stop then.
+    FirstFailure,
 }
 
 /// Runs all jobs of a study that have no result yet and writes the tables.
@@ -63,69 +113,165 @@ pub type Solver<'s> = dyn Fn(&Study, &Job, Option<&Answer>) -> (Outcome, Option<
 /// [`run`] with another solver in place of [`solve_from`], for tests of the engine.
 pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: &Solver<'_>) -> Result<RunReport> {
     std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
-    let mut store = Store::open(&options.out, options.fresh)?;
-    let is_pending: Vec<bool> = study.jobs.iter().map(|job| store.get(&job.id).is_none()).collect();
-    let pending = is_pending.iter().filter(|pending| **pending).count();
-    let kept = study.jobs.len() - pending;
-    let blocks: Vec<&[Job]> = study.jobs.chunk_by(|_, next| next.warm_start_from.is_some()).collect();
-    if let Some(note) = store.version_note(study) {
+    check_folder(study, options)?;
+    let store = Store::open(&options.out, options.shard, options.fresh)?;
+    freeze(study, options)?;
+    if let Some(note) = version_note(study, &store).filter(|_| !options.outdated) {
         eprintln!("note: {note}");
     }
-
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads.unwrap_or(0))
         .thread_name(|i| format!("{WORKER}{i}"))
         .build()
         .map_err(|e| Error::io("start threads for", &options.out, std::io::Error::other(e)))?;
-    let mut progress = Progress::new(pending);
-    let (send, receive) = mpsc::channel::<(&Job, Outcome)>();
     quiet_workers();
-    let written = std::thread::scope(|scope| {
-        scope.spawn(|| {
-            pool.install(|| {
-                blocks.par_iter().with_max_len(1).for_each_with(send, |send, block| {
-                    let last = block.iter().rposition(|job| is_pending[job.index]);
-                    let mut before = None;
-                    // A finished job that a pending one starts from is solved again, for its answer.
-                    for job in &block[..last.map_or(0, |last| last + 1)] {
-                        if stop.load(Ordering::Relaxed) {
-                            break;
-                        }
-                        let (mut outcome, answer) = contained(study, job, before.as_ref(), solver);
-                        outcome.job.warm_start_from = job.warm_start_from.clone().filter(|_| before.is_some());
-                        before = answer;
-                        if is_pending[job.index] {
-                            // The receiver hangs up only when the disk fails; then nothing is left to say.
-                            let _ = send.send((job, outcome));
-                        }
-                    }
-                });
-            });
-        });
-        let mut result = Ok(());
-        for (job, outcome) in receive {
-            if result.is_ok() {
-                progress.finished(outcome.job.status);
-                result = store.add(&job.id, outcome);
-                if result.is_err() {
-                    stop.store(true, Ordering::Relaxed);
-                }
+
+    let wanted = |header: Option<&Header>| match header {
+        None => true,
+        Some(h) if h.status != Status::Converged && options.failed => true,
+        Some(h) => h.solver != SOLVER && options.outdated,
+    };
+    let blocks: Vec<&[Job]> = study.blocks();
+    let mine: Vec<&[Job]> = (blocks.into_iter().enumerate())
+        .filter(|(i, _)| options.shard.is_none_or(|shard| shard.has(*i)))
+        .map(|(_, block)| block)
+        .collect();
+    let jobs: usize = mine.iter().map(|block| block.len()).sum();
+    let is_pending: Vec<bool> = study.jobs.iter().map(|job| wanted(store.get(&job.id))).collect();
+    let pending: Vec<&[Job]> =
+        mine.iter().copied().filter(|block| block.iter().any(|job| is_pending[job.index])).collect();
+    let count = pending.iter().flat_map(|block| block.iter()).filter(|job| is_pending[job.index]).count();
+
+    let mut desk = Desk { store, progress: Progress::new(count), stop, on_failure: study.on_failure, failure: false };
+    desk.work(&pool, &pending, |block, hand_in| {
+        let last = block.iter().rposition(|job| is_pending[job.index]);
+        let mut before = None;
+        // A finished job that a pending one starts from is solved again, for its answer.
+        for job in &block[..last.map_or(0, |last| last + 1)] {
+            if stop.load(Ordering::Relaxed) {
+                break;
+            }
+            let (mut outcome, answer) = contained(study, job, before.as_ref(), solver);
+            outcome.job.warm_start_from = job.warm_start_from.clone().filter(|_| before.is_some());
+            before = answer;
+            if is_pending[job.index] {
+                hand_in(job, outcome, false);
             }
         }
-        result
-    });
-    progress.end();
-    written?;
+    })?;
+    let ended = match (desk.failure, stop.load(Ordering::Relaxed)) {
+        (true, _) => Ended::FirstFailure,
+        (_, true) => Ended::Interrupted,
+        _ => Ended::Complete,
+    };
+    if study.on_failure == OnFailure::Retry && ended == Ended::Complete && options.shard.is_none() {
+        retry_failed(study, &mut desk, &pool, solver)?;
+    }
+    let Desk { mut store, .. } = desk;
+    let status = |job: &Job| store.get(&job.id).map(|header| header.status);
+    let done: Vec<Status> = mine.iter().flat_map(|block| block.iter()).filter_map(status).collect();
+    let report = RunReport {
+        jobs,
+        finished: done.len(),
+        failed: done.iter().filter(|status| **status != Status::Converged).count(),
+        kept: jobs - count,
+        ended: if done.len() == jobs && ended == Ended::Interrupted { Ended::Complete } else { ended },
+    };
+    if options.shard.is_none() {
+        write_tables(study, &mut store, &options.out)?;
+    }
+    Ok(report)
+}
 
-    let finished: Vec<(&Job, &Outcome)> =
-        study.jobs.iter().filter_map(|job| store.get(&job.id).map(|outcome| (job, outcome))).collect();
-    write_tables(study, &finished, &options.out)?;
-    Ok(RunReport {
-        jobs: study.jobs.len(),
-        finished: finished.len(),
-        failed: finished.iter().filter(|(_, o)| o.job.status != Status::Converged).count(),
-        kept,
-        interrupted: finished.len() < study.jobs.len(),
+/// Where finished jobs are handed in: kept, counted, shown.
+struct Desk<'r> {
+    store: Store,
+    progress: Progress,
+    stop: &'r AtomicBool,
+    on_failure: OnFailure,
+    /// A job failed, and the study stops at that.
+    failure: bool,
+}
+
+/// Hands in the outcome of a job; `true` if it was solved with help.
+type HandIn<'s> = dyn Fn(&Job, Outcome, bool) + 's;
+
+impl Desk<'_> {
+    /// Works on all pieces in parallel. Lines are made by the workers and written here, many at a time where they come fast.
+    fn work<P: Sync>(
+        &mut self,
+        pool: &rayon::ThreadPool,
+        pieces: &[P],
+        work: impl Fn(&P, &HandIn<'_>) + Sync,
+    ) -> Result<()> {
+        struct Finished {
+            index: usize,
+            status: Status,
+            error: Option<String>,
+            line: Vec<u8>,
+        }
+        let (send, receive) = mpsc::sync_channel::<Finished>(WAITING);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                pool.install(|| {
+                    pieces.par_iter().with_max_len(1).for_each_with(send, |send, piece| {
+                        let hand_in = |job: &Job, outcome: Outcome, retried: bool| {
+                            let line = store::line(&job.id, &outcome, retried);
+                            let (status, error) = (outcome.job.status, outcome.job.error);
+                            // The receiver hangs up only when the disk fails; then nothing is left to say.
+                            let _ = send.send(Finished { index: job.index, status, error, line });
+                        };
+                        if !self.stop.load(Ordering::Relaxed) {
+                            work(piece, &hand_in);
+                        }
+                    });
+                });
+            });
+            let mut result = Ok(());
+            while let Ok(first) = receive.recv() {
+                let batch: Vec<Finished> = std::iter::once(first).chain(receive.try_iter()).collect();
+                if result.is_err() {
+                    continue;
+                }
+                let (lines, news): (Vec<_>, Vec<_>) =
+                    batch.into_iter().map(|f| (f.line, (f.index, f.status, f.error))).unzip();
+                result = self.store.add(&lines);
+                if result.is_err() {
+                    self.stop.store(true, Ordering::Relaxed);
+                    continue;
+                }
+                for (index, status, error) in news {
+                    self.progress.finished(index, status, error.as_deref());
+                    if status != Status::Converged && self.on_failure == OnFailure::Stop {
+                        self.failure = true;
+                        self.stop.store(true, Ordering::Relaxed);
+                    }
+                }
+            }
+            self.progress.end();
+            result
+        })
+    }
+}
+
+/// Outcomes that may wait for the disk before workers wait too.
+const WAITING: usize = 4096;
+
+/// A second pass over what failed, when all else is done.
+fn retry_failed(study: &Study, desk: &mut Desk<'_>, pool: &rayon::ThreadPool, solver: &Solver<'_>) -> Result<()> {
+    let candidates = retry::candidates(study, &desk.store);
+    let solved = retry::solved(study, &desk.store);
+    let mut failed: Vec<(&Job, Outcome)> = Vec::new();
+    for job in candidates {
+        failed.extend(desk.store.outcome(&job.id)?.map(|outcome| (job, outcome)));
+    }
+    if failed.is_empty() {
+        return Ok(());
+    }
+    eprintln!("{} job(s) failed: again, by continuation from their nearest solved neighbours", failed.len());
+    desk.progress = Progress::new(failed.len());
+    desk.work(pool, &failed, |(job, first), hand_in| {
+        hand_in(job, retry::retry(study, job, first.clone(), &solved, solver), true);
     })
 }
 
@@ -158,24 +304,52 @@ fn quiet_workers() {
     });
 }
 
-fn write_tables(study: &Study, finished: &[(&Job, &Outcome)], out: &Path) -> Result<()> {
-    let provenance = manifest::provenance(study);
-    let mut hashes = Vec::new();
-    for table in schema::tables(finished) {
-        let path = out.join(format!("{}.parquet", table.name));
-        if table.name == "trajectories" && table.rows() == 0 {
-            let _ = std::fs::remove_file(&path); // of an earlier run that stored them
-            continue;
-        }
-        let units: serde_json::Map<String, serde_json::Value> =
-            table.columns.iter().map(|(name, _)| (name.clone(), schema::unit(name).into())).collect();
-        let mut metadata = provenance.clone();
-        metadata.push(("sinew.units".to_owned(), serde_json::Value::Object(units).to_string()));
-        tables::write(&table, &path, &metadata)?;
-        let bytes = std::fs::read(&path).map_err(|e| Error::io("read", &path, e))?;
-        hashes.push((format!("{}.parquet", table.name), blake3::hash(&bytes).to_hex().to_string()));
+/// Refuses to write over the results of another study, or to mix shards of different plans.
+fn check_folder(study: &Study, options: &RunOptions) -> Result<()> {
+    // A manifest that cannot be read is written anew.
+    let Some(manifest) = Manifest::read(&options.out).unwrap_or(None) else { return Ok(()) };
+    let refuse = |reason: String| Err(Error::table("run in", &options.out, reason));
+    if options.fresh {
+        return Ok(());
     }
-    manifest::write(study, finished.len(), &hashes, &out.join("manifest.json"))
+    if manifest.study.name != study.name {
+        let (there, here) = (&manifest.study.name, &study.name);
+        return refuse(format!(
+            "it holds the study `{there}`, not `{here}`; choose another --out, or --fresh to forget what is there"
+        ));
+    }
+    if options.shard.is_some() && manifest.study.hash != study.hash() {
+        return refuse(
+            "its plan was frozen for other jobs than the study has now; run without --shard to freeze it anew, or choose \
+             another --out"
+                .to_owned(),
+        );
+    }
+    Ok(())
+}
+
+/// Writes the plan before the first job begins.
+pub fn freeze(study: &Study, options: &RunOptions) -> Result<()> {
+    let there = Manifest::read(&options.out).unwrap_or(None);
+    if there.as_ref().is_some_and(|manifest| manifest.study.hash == study.hash() && options.shard.is_some()) {
+        return Ok(());
+    }
+    // Tables that are there stay described until they are written anew.
+    let files = there.map(|manifest| manifest.files).unwrap_or_default();
+    Manifest { files, ..Manifest::of(study) }.write(&options.out)
+}
+
+/// A sentence if results of this study come from another version of the solver.
+fn version_note(study: &Study, store: &Store) -> Option<String> {
+    let headers = study.jobs.iter().filter_map(|job| store.get(&job.id));
+    let mut others: Vec<&str> =
+        headers.map(|header| header.solver.as_str()).filter(|solver| *solver != SOLVER).collect();
+    let count = others.len();
+    others.sort_unstable();
+    others.dedup();
+    let names = others.join(", ");
+    (count > 0)
+        .then(|| format!("{count} kept result(s) are of solver {names}, this is {SOLVER}: --outdated renews them"))
 }
 
 /// The folder of a study's results unless the user names another: `results/<study>` in the current folder.

@@ -8,6 +8,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::outcome::Status;
 
+/// Failures shown while a run is at work.
+const FAILURES_SHOWN: usize = 10;
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
 pub struct Progress {
@@ -32,8 +34,12 @@ impl Progress {
         Self { bar, total, counts: BTreeMap::new(), started: now, last_line: now }
     }
 
-    pub fn finished(&mut self, status: Status) {
+    /// Counts a job; a failed one is shown at once.
+    pub fn finished(&mut self, index: usize, status: Status, error: Option<&str>) {
         *self.counts.entry(status).or_default() += 1;
+        if status != Status::Converged {
+            self.failed(&format!("job {index}: {}: {}", status.name(), error.unwrap_or("no reason given")));
+        }
         let done: usize = self.counts.values().sum();
         match &self.bar {
             Some(bar) => {
@@ -47,6 +53,19 @@ impl Progress {
                 eprintln!("{done}/{} jobs after {elapsed:.1} s, ETA {left:.0} s: {}", self.total, self.summary());
             }
             None => {}
+        }
+    }
+
+    fn failed(&self, text: &str) {
+        let failed: usize = self.counts.iter().filter(|(s, _)| **s != Status::Converged).map(|(_, count)| count).sum();
+        let text = match failed {
+            0..=FAILURES_SHOWN => text.to_owned(),
+            _ if failed == FAILURES_SHOWN + 1 => "… further failed jobs are counted only".to_owned(),
+            _ => return,
+        };
+        match &self.bar {
+            Some(bar) => bar.println(text),
+            None => eprintln!("{text}"),
         }
     }
 

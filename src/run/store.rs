@@ -1,108 +1,331 @@
-//! Finished jobs on disk, one JSON line each, appended and flushed as they finish.
+//! Finished jobs on disk: one JSON line each, appended and synced as they finish.
+//!
+//! A folder may hold several such files, one a writer: `finished.jsonl` of a run on one machine, `finished.I-of-N….jsonl` of
+//! shards. Readers take all of them together; of two lines for one job the later one counts. A line begins with a header
+//! that says how the job ended and holds a hash of the outcome after it, so that folders of many jobs open fast and damage
+//! is seen.
 
 use std::collections::HashMap;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 
+use super::Shard;
+use crate::SOLVER;
 use crate::error::{Error, Result};
-use crate::outcome::Outcome;
-use crate::study::Study;
+use crate::outcome::{Outcome, Status};
 
-const FILE: &str = "finished.jsonl";
+const OUTCOME: &[u8] = b",\"outcome\":";
 
-#[derive(Serialize, Deserialize)]
-struct Line {
-    job_id: String,
-    version: String,
-    outcome: Outcome,
+/// How a finished job ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    pub job_id: String,
+    pub status: Status,
+    /// Version of the solver, see `build.rs`.
+    pub solver: String,
+    /// Solved, or tried again, by continuation from a neighbour.
+    pub retried: bool,
+    /// When it finished, ms since 1970.
+    pub time_ms: u64,
+    /// Hash of the outcome's text.
+    check: String,
 }
 
+struct Entry {
+    header: Header,
+    file: usize,
+    offset: u64,
+    length: usize,
+}
+
+/// The finished jobs of a folder.
 pub struct Store {
-    path: PathBuf,
-    file: File,
-    outcomes: HashMap<String, (String, Outcome)>,
+    files: Vec<(PathBuf, File)>,
+    entries: HashMap<String, Entry>,
+    /// The file that this process writes to, and where it ends.
+    own: Option<(usize, u64)>,
+    /// Damaged lines passed over.
+    pub damaged: usize,
+}
+
+/// The line of a finished job.
+pub fn line(job_id: &str, outcome: &Outcome, retried: bool) -> Vec<u8> {
+    let body = serde_json::to_vec(outcome).expect("rows are plain data");
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64);
+    let header = Header {
+        job_id: job_id.to_owned(),
+        status: outcome.job.status,
+        solver: SOLVER.to_owned(),
+        retried,
+        time_ms: now,
+        check: hash(&body),
+    };
+    let mut line = serde_json::to_vec(&header).expect("a header is plain data");
+    line.pop(); // its closing brace comes after the outcome
+    line.extend_from_slice(OUTCOME);
+    line.extend_from_slice(&body);
+    line.extend_from_slice(b"}\n");
+    line
+}
+
+fn hash(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex()[..16].to_owned()
+}
+
+/// Header and place of the outcome within a whole line.
+fn parse(line: &[u8], verify: bool) -> Option<(Header, std::ops::Range<usize>)> {
+    let split = line.windows(OUTCOME.len()).take(4096).position(|window| window == OUTCOME)?;
+    let mut head = line[..split].to_vec();
+    head.push(b'}');
+    let header: Header = serde_json::from_slice(&head).ok()?;
+    let body = split + OUTCOME.len()..line.len().checked_sub(2)?;
+    let whole = line.ends_with(b"}\n") && (!verify || hash(line.get(body.clone())?) == header.check);
+    whole.then_some((header, body))
 }
 
 impl Store {
-    /// Opens the store of a results folder. Lines that cannot be read are passed over; a last one that was cut off (by a
-    /// kill, by a full disk) is removed.
-    pub fn open(folder: &Path, fresh: bool) -> Result<Self> {
-        let path = folder.join(FILE);
-        let mut file = OpenOptions::new()
-            .create(true)
-            .read(true)
-            .write(true)
-            .truncate(false)
-            .open(&path)
-            .map_err(|e| Error::io("open", &path, e))?;
-        if file.try_lock().is_err() {
-            let busy =
-                std::io::Error::other("another run is at work in this folder; wait for it, or choose another --out");
-            return Err(Error::io("open", &path, busy));
+    /// Reads what is there, and writes nothing. Without `verify` only the headers are looked at.
+    pub fn read(folder: &Path, verify: bool) -> Result<Self> {
+        let mut store = Self { files: Vec::new(), entries: HashMap::new(), own: None, damaged: 0 };
+        for path in Self::paths(folder)? {
+            let file = File::open(&path).map_err(|e| Error::io("open", &path, e))?;
+            store.scan(path, file, verify)?;
         }
+        Ok(store)
+    }
+
+    /// Opens the store for writing by this process alone.
+    ///
+    /// # Errors
+    /// If another run is at work in this folder. (Shards share it, each with a file of its own.)
+    pub fn open(folder: &Path, shard: Option<Shard>, fresh: bool) -> Result<Self> {
+        let (own, file) = Self::own(folder, shard)?;
+        let paths = Self::paths(folder)?;
         if fresh {
-            file.set_len(0).map_err(|e| Error::io("empty", &path, e))?;
+            for path in paths.iter().filter(|path| **path != own) {
+                std::fs::remove_file(path).map_err(|e| Error::io("remove", path, e))?;
+            }
+            file.set_len(0).map_err(|e| Error::io("empty", &own, e))?;
         }
+        let mut store = if fresh { Self::read_none() } else { Self::read_others(&paths, &own)? };
+        let end = store.scan(own.clone(), file, true)?;
+        let place = store.files.len() - 1;
+        let file = &mut store.files[place].1;
+        // A last line that was cut off would spoil the next one.
+        file.set_len(end).and_then(|()| file.seek(SeekFrom::Start(end))).map_err(|e| Error::io("mend", &own, e))?;
+        store.own = Some((place, end));
+        if store.damaged > 0 {
+            eprintln!("note: {} damaged line(s) in {}: those jobs run again", store.damaged, folder.display());
+        }
+        Ok(store)
+    }
+
+    fn read_none() -> Self {
+        Self { files: Vec::new(), entries: HashMap::new(), own: None, damaged: 0 }
+    }
+
+    fn read_others(paths: &[PathBuf], own: &Path) -> Result<Self> {
+        let mut store = Self::read_none();
+        for path in paths.iter().filter(|path| *path != own) {
+            let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
+            store.scan(path.clone(), file, true)?;
+        }
+        Ok(store)
+    }
+
+    /// The files of a folder, by name.
+    fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
+        let entries = std::fs::read_dir(folder).map_err(|e| Error::io("read", folder, e))?;
+        let mut paths: Vec<PathBuf> = entries
+            .filter_map(|entry| Some(entry.ok()?.path()))
+            .filter(|path| {
+                let name = path.file_name().and_then(|name| name.to_str()).unwrap_or("");
+                name.starts_with("finished") && name.ends_with(".jsonl")
+            })
+            .collect();
+        paths.sort();
+        Ok(paths)
+    }
+
+    /// The locked file of this process. A shard whose file another process holds (a lost node's, perhaps) takes a new one.
+    fn own(folder: &Path, shard: Option<Shard>) -> Result<(PathBuf, File)> {
+        for attempt in 1.. {
+            let name = match shard {
+                None => "finished.jsonl".to_owned(),
+                Some(shard) if attempt == 1 => format!("finished.{}-of-{}.jsonl", shard.index, shard.count),
+                Some(shard) => format!("finished.{}-of-{}.{attempt}.jsonl", shard.index, shard.count),
+            };
+            let path = folder.join(name);
+            let file = OpenOptions::new()
+                .create(true)
+                .read(true)
+                .write(true)
+                .truncate(false)
+                .open(&path)
+                .map_err(|e| Error::io("open", &path, e))?;
+            match file.try_lock() {
+                Ok(()) => return Ok((path, file)),
+                Err(TryLockError::WouldBlock) if shard.is_none() => {
+                    let busy = "another run is at work in this folder; wait for it, or choose another --out";
+                    return Err(Error::io("open", &path, std::io::Error::other(busy)));
+                }
+                Err(TryLockError::WouldBlock) => {}
+                // Some network file systems know no locks.
+                Err(TryLockError::Error(_)) => return Ok((path, file)),
+            }
+        }
+        unreachable!("some attempt gets its lock")
+    }
+
+    /// Whether some process is writing in the folder.
+    pub fn at_work(folder: &Path) -> bool {
+        let locked = |path: &PathBuf| {
+            File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+        };
+        Self::paths(folder).is_ok_and(|paths| paths.iter().any(locked))
+    }
+
+    /// Takes in all lines of a file; returns where the last whole one ends.
+    fn scan(&mut self, path: PathBuf, mut file: File, verify: bool) -> Result<u64> {
         let mut text = Vec::new();
         file.read_to_end(&mut text).map_err(|e| Error::io("read", &path, e))?;
-        let mut outcomes = HashMap::new();
-        let (mut whole, mut damaged) = (0, 0);
+        let place = self.files.len();
+        self.files.push((path, file));
+        let (mut offset, mut end) = (0, 0);
         for line in text.split_inclusive(|&byte| byte == b'\n') {
-            match serde_json::from_slice::<Line>(line) {
-                Ok(read) if line.ends_with(b"\n") => {
-                    outcomes.insert(read.job_id, (read.version, read.outcome));
+            match parse(line, verify) {
+                Some((header, body)) => {
+                    let at = (offset + body.start as u64, body.len());
+                    self.insert(Entry { header, file: place, offset: at.0, length: at.1 });
                 }
-                _ => damaged += 1,
+                None => self.damaged += 1,
             }
+            offset += line.len() as u64;
             if line.ends_with(b"\n") {
-                whole += line.len();
+                end = offset;
             }
         }
-        if damaged > 0 {
-            eprintln!("note: {} holds {damaged} damaged line(s): those jobs run again", path.display());
-            // A last line that was cut off would spoil the next one.
-            file.set_len(whole as u64).map_err(|e| Error::io("mend", &path, e))?;
+        Ok(end)
+    }
+
+    fn insert(&mut self, entry: Entry) {
+        let known = self.entries.get(&entry.header.job_id);
+        if known.is_none_or(|known| known.header.time_ms <= entry.header.time_ms) {
+            self.entries.insert(entry.header.job_id.clone(), entry);
         }
-        file.seek(SeekFrom::Start(whole as u64)).map_err(|e| Error::io("open", &path, e))?;
-        Ok(Self { path, file, outcomes })
     }
 
-    pub fn get(&self, job_id: &str) -> Option<&Outcome> {
-        self.outcomes.get(job_id).map(|(_, outcome)| outcome)
+    pub fn get(&self, job_id: &str) -> Option<&Header> {
+        self.entries.get(job_id).map(|entry| &entry.header)
     }
 
-    /// Writes a finished job to disk before it counts as finished.
-    pub fn add(&mut self, job_id: &str, outcome: Outcome) -> Result<()> {
-        let version = env!("CARGO_PKG_VERSION").to_owned();
-        let line = Line { job_id: job_id.to_owned(), version: version.clone(), outcome };
-        let mut text = serde_json::to_vec(&line).map_err(|e| Error::io("write", &self.path, e.into()))?;
-        text.push(b'\n');
-        self.file.write_all(&text).and_then(|()| self.file.flush()).map_err(|e| Error::io("write", &self.path, e))?;
-        self.outcomes.insert(line.job_id, (version, line.outcome));
+    /// The outcome of a finished job.
+    pub fn outcome(&mut self, job_id: &str) -> Result<Option<Outcome>> {
+        let Some(entry) = self.entries.get(job_id) else { return Ok(None) };
+        let (path, file) = &mut self.files[entry.file];
+        let mut body = vec![0; entry.length];
+        let read = file.seek(SeekFrom::Start(entry.offset)).and_then(|_| file.read_exact(&mut body));
+        read.map_err(|e| Error::io("read", path, e))?;
+        let damaged = |e: String| Error::io("read", path, std::io::Error::other(format!("job {job_id}: {e}")));
+        if hash(&body) != entry.header.check {
+            return Err(damaged("its line was changed on disk; run the study again to compute it anew".to_owned()));
+        }
+        serde_json::from_slice(&body).map(Some).map_err(|e| damaged(e.to_string()))
+    }
+
+    /// Writes lines of finished jobs and waits until the disk has them.
+    pub fn add(&mut self, lines: &[Vec<u8>]) -> Result<()> {
+        let (place, end) = self.own.expect("the store is open for writing");
+        let (path, file) = &mut self.files[place];
+        let text = lines.concat();
+        let written =
+            file.seek(SeekFrom::Start(end)).and_then(|_| file.write_all(&text)).and_then(|()| file.sync_data());
+        if let Err(error) = written {
+            let _ = file.set_len(end); // no half line stays
+            return Err(Error::io("write", path, error));
+        }
+        let mut offset = end;
+        for line in lines {
+            if let Some((header, body)) = parse(line, false) {
+                let at = offset + body.start as u64;
+                self.entries
+                    .insert(header.job_id.clone(), Entry { header, file: place, offset: at, length: body.len() });
+            }
+            offset += line.len() as u64;
+        }
+        self.own = Some((place, offset));
         Ok(())
     }
+}
 
-    /// A sentence if results of this study come from another version of the program.
-    pub fn version_note(&self, study: &Study) -> Option<String> {
-        let here = env!("CARGO_PKG_VERSION");
-        let mut versions: Vec<&str> = study
-            .jobs
-            .iter()
-            .filter_map(|job| self.outcomes.get(&job.id))
-            .map(|(version, _)| version.as_str())
-            .filter(|version| *version != here)
-            .collect();
-        let count = versions.len();
-        versions.sort_unstable();
-        versions.dedup();
-        (count > 0).then(|| {
-            format!(
-                "{count} kept result(s) were computed by sinew {}; run with --fresh to renew them",
-                versions.join(", ")
-            )
-        })
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outcome(reason: &str) -> Outcome {
+        Outcome::failed(Status::Stalled, reason)
+    }
+
+    #[test]
+    fn lines_come_back_whatever_happens_to_the_last() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path(), None, false).unwrap();
+        store.add(&[line("a", &outcome("one"), false), line("b", &outcome("two"), false)]).unwrap();
+        store.add(&[line("a", &outcome("three"), true)]).unwrap();
+        assert_eq!(store.outcome("a").unwrap(), Some(outcome("three")));
+        drop(store);
+        let path = folder.path().join("finished.jsonl");
+        let whole = std::fs::read(&path).unwrap();
+        let ends: Vec<usize> = (0..whole.len()).filter(|&i| whole[i] == b'\n').map(|i| i + 1).collect();
+        for cut in 0..=whole.len() {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            let mut store = Store::open(folder.path(), None, false).unwrap();
+            let kept = ends.iter().filter(|&&end| end <= cut).count();
+            let expected = ["", "one", "one", "three"][kept];
+            assert_eq!(store.outcome("a").unwrap().and_then(|o| o.job.error).unwrap_or_default(), expected);
+            assert_eq!(store.outcome("b").unwrap().is_some(), kept >= 2);
+            store.add(&[line("c", &outcome("new"), false)]).unwrap();
+            drop(store);
+            let mut store = Store::read(folder.path(), true).unwrap();
+            assert_eq!((store.damaged, store.outcome("c").unwrap()), (0, Some(outcome("new"))));
+        }
+    }
+
+    #[test]
+    fn a_changed_byte_is_seen() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("finished.jsonl");
+        let whole = line("a", &outcome("one"), false);
+        for i in 0..whole.len() {
+            let mut bytes = whole.clone();
+            bytes[i] ^= 1;
+            std::fs::write(&path, &bytes).unwrap();
+            let mut store = Store::read(folder.path(), true).unwrap();
+            // What is still read is what was written, whatever became of the rest of its header.
+            if let Some(found) = store.outcome("a").unwrap() {
+                assert_eq!(found, outcome("one"), "byte {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn shards_write_side_by_side_and_a_held_file_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let shard = |index| Some(Shard { index, count: 2 });
+        let mut one = Store::open(folder.path(), shard(0), false).unwrap();
+        let mut two = Store::open(folder.path(), shard(1), false).unwrap();
+        let mut again = Store::open(folder.path(), shard(0), false).unwrap();
+        one.add(&[line("a", &outcome("one"), false)]).unwrap();
+        two.add(&[line("b", &outcome("two"), false)]).unwrap();
+        again.add(&[line("c", &outcome("three"), false)]).unwrap();
+        let store = Store::read(folder.path(), true).unwrap();
+        assert!(["a", "b", "c"].iter().all(|id| store.get(id).is_some()));
+        assert!(Store::at_work(folder.path()));
+        drop((one, two, again));
+        assert!(!Store::at_work(folder.path()));
     }
 }

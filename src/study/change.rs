@@ -14,11 +14,82 @@ pub struct ModelChange {
     pub value: f64,
 }
 
-const GROUPS: [&str; 6] = ["body", "joint", "muscle", "force", "gravity", "curves"];
+pub const GROUPS: [&str; 6] = ["body", "joint", "muscle", "force", "gravity", "curves"];
 
 /// Whether a name of a study addresses the model and not a setting.
 pub fn is_model_path(name: &str) -> bool {
     GROUPS.contains(&name.split('.').next().unwrap_or(""))
+}
+
+/// The paths that `path` stands for: itself, or with `*` in it all that fit, in the order of the model file.
+///
+/// # Errors
+/// If nothing fits.
+pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complaint> {
+    if !path.contains('*') {
+        return Ok(vec![path.to_owned()]);
+    }
+    let keys: Vec<&str> = path.split('.').collect();
+    let mut found = vec![(Vec::new(), None::<&toml::Value>)];
+    for (depth, key) in keys.iter().enumerate() {
+        let pattern = wildmatch::WildMatch::new(key);
+        let mut next = Vec::new();
+        for (prefix, place) in found {
+            let names: Vec<String> = match place {
+                None => model.keys().cloned().collect(),
+                Some(toml::Value::Table(table)) => table.keys().cloned().collect(),
+                Some(toml::Value::Array(items)) => items.iter().enumerate().map(|(i, item)| name_of(i, item)).collect(),
+                Some(_) => Vec::new(),
+            };
+            // The last key may be one that the file leaves to its default, or a factor.
+            let fits: Vec<String> = match depth + 1 == keys.len() && !key.contains('*') {
+                true => vec![(*key).to_owned()],
+                false => names.iter().filter(|name| pattern.matches(name)).cloned().collect(),
+            };
+            for name in fits {
+                let inner = match place {
+                    None => model.get(&name),
+                    Some(place) => child(place, &name),
+                };
+                let path: Vec<String> = prefix.iter().cloned().chain([name]).collect();
+                next.push((path, inner));
+            }
+        }
+        if next.is_empty() {
+            let sofar = keys[..=depth].join(".");
+            return Err(Complaint::new(
+                format!("nothing in the model fits `{sofar}`"),
+                "* stands for any letters of one name, such as muscle.*.tendon_slack_length_scale",
+            ));
+        }
+        found = next;
+    }
+    Ok(found.into_iter().map(|(path, _)| path.join(".")).collect())
+}
+
+fn name_of(index: usize, item: &toml::Value) -> String {
+    item.get("name").and_then(toml::Value::as_str).map_or(index.to_string(), str::to_owned)
+}
+
+fn child<'t>(place: &'t toml::Value, key: &str) -> Option<&'t toml::Value> {
+    match place {
+        toml::Value::Table(table) => table.get(key),
+        toml::Value::Array(items) => items
+            .iter()
+            .find(|item| item.get("name").and_then(toml::Value::as_str) == Some(key))
+            .or_else(|| key.parse::<usize>().ok().and_then(|i| items.get(i))),
+        _ => None,
+    }
+}
+
+/// The number at a path of the model; `None` for paths that the file leaves to their default.
+pub fn number_at(model: &toml::Table, path: &str) -> Option<f64> {
+    let mut keys = path.split('.');
+    let mut place = model.get(keys.next()?)?;
+    for key in keys {
+        place = child(place, key)?;
+    }
+    Value::of(place)?.number()
 }
 
 impl ModelChange {
@@ -32,6 +103,11 @@ impl ModelChange {
     /// Whether this multiplies a value instead of setting it.
     pub fn is_factor(&self) -> bool {
         self.path.ends_with("_scale")
+    }
+
+    /// Whether the model stays as it is.
+    pub fn is_idle(&self, model: &toml::Table) -> bool {
+        if self.is_factor() { self.value == 1.0 } else { number_at(model, &self.path) == Some(self.value) }
     }
 
     /// Changes the model file's table.
@@ -87,13 +163,7 @@ impl ModelChange {
                         "go on with `.` and the key of a number",
                     )),
                     None => {
-                        let names: Vec<String> = items
-                            .iter()
-                            .enumerate()
-                            .map(|(i, item)| {
-                                item.get("name").and_then(toml::Value::as_str).map_or(i.to_string(), str::to_owned)
-                            })
-                            .collect();
+                        let names: Vec<String> = items.iter().enumerate().map(|(i, item)| name_of(i, item)).collect();
                         Err(self.lost(key, names.iter().map(String::as_str)))
                     }
                 }

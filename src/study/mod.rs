@@ -1,38 +1,53 @@
 //! From a study file to jobs: pure, deterministic, no solving.
 
 pub mod change;
+pub mod file;
+mod sample;
 pub mod settings;
+pub mod sources;
 pub mod sweep;
 
-use std::path::{Path, PathBuf};
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
 use std::sync::Arc;
 
+use indexmap::IndexMap;
 use serde::Serialize;
 
-use crate::error::{Error, Issue, Result, SourceFile, nearest};
+use crate::error::{Issue, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
 use change::{ModelChange, changed_model, is_model_path};
+use file::{OnFailure, OneOrMany, Ratio, StudyFile};
 use settings::{Complaint, Settings, Value, WarmStart};
+use sources::Sources;
+use sweep::{Expansion, Place, Point};
 
 /// A part of every job's identity: raised when the meaning of a result changes.
-pub const SCHEMA_VERSION: u32 = 2;
+pub const SCHEMA_VERSION: u32 = 3;
 
 /// A study, checked and expanded.
 #[derive(Clone, Debug)]
 pub struct Study {
     pub name: String,
     pub description: String,
-    pub path: PathBuf,
-    pub model_path: PathBuf,
-    pub motion_path: PathBuf,
+    /// The texts that all of this is made from.
+    pub sources: Sources,
     pub model: Model,
     pub motion: Arc<MotionTable>,
     /// Names of everything swept, in order.
     pub axes: Vec<String>,
     pub jobs: Vec<Job>,
-    motion_hash: String,
+    /// Jobs of the sweeps that were there already, and left out.
+    pub repeated: usize,
+    /// Load ratios to report, muscles by name.
+    pub ratios: Vec<Ratio>,
+    pub on_failure: OnFailure,
+    /// What a job has that nothing sweeps.
+    pub base: Settings,
+    pub model_hash: String,
+    pub motion_hash: String,
     model_table: toml::Table,
 }
 
@@ -44,8 +59,8 @@ pub struct Job {
     pub index: usize,
     pub settings: Settings,
     pub changes: Vec<ModelChange>,
-    /// What the study swept, with this job's values, in the order of [`Study::axes`].
-    pub swept: Vec<(String, Value)>,
+    /// This job's value of each of [`Study::axes`]; `None` where it has none.
+    pub swept: Vec<Option<Value>>,
     /// Number of collocation points p.
     pub points: usize,
     /// Id of the job before, if this one starts from its solution.
@@ -63,155 +78,71 @@ struct Identity<'a> {
     warm_start_from: Option<&'a str>,
 }
 
+impl Identity<'_> {
+    fn hash(&self) -> String {
+        let canonical = serde_json::to_vec(self).expect("settings are plain data");
+        blake3::hash(&canonical).to_hex()[..16].to_owned()
+    }
+}
+
 /// Most jobs that start from one another in a row: such a block is one piece of work.
 const BLOCK: usize = 16;
 
-const KEYS: [&str; 6] = ["name", "description", "model", "motion", "base", "sweep"];
+/// Changed models are checked before a run up to this many, spread over the study; others when their job is set up, where
+/// a model that is none makes the job `invalid`.
+const CHECKED_MODELS: usize = 2000;
 
 impl Study {
-    /// Reads, checks and expands a study file with its model and motion.
+    /// Reads, checks and expands a study file with its model and motion; or the manifest of a run (or its folder), which
+    /// holds all three.
     ///
     /// # Errors
     /// The first mistake, with its place in the file it is in.
     pub fn load(path: &Path) -> Result<Self> {
-        let file = SourceFile::read(path)?;
-        let table: toml::Table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
-        let fail = |issue: Issue| issue.in_file(&file);
-        for key in table.keys() {
-            if !KEYS.contains(&key.as_str()) {
-                let near = nearest(key, KEYS).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-                return Err(fail(Issue::new(&[key], "unknown key", format!("{near}a study has: {}", KEYS.join(", ")))));
-            }
-        }
-        let text = |key: &str| match table.get(key) {
-            Some(toml::Value::String(text)) if !text.is_empty() => Ok(text.clone()),
-            Some(other) => Err(fail(Issue::new(&[key], format!("found {other}"), "it must be a text in quotes"))),
-            None => {
-                let help = format!("add the line {key} = \"…\" at the top of the study");
-                Err(file.error(None, format!("the study has no `{key}`"), "", Some(help)))
-            }
-        };
-        let name = text("name")?;
-        if !name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c)) || name.starts_with('.') {
-            return Err(fail(Issue::new(
-                &["name"],
-                format!("found \"{name}\""),
-                "the name becomes a folder: letters, digits, - _ and . only",
-            )));
-        }
-        let folder = path.parent().unwrap_or(Path::new(""));
-        let model_path = folder.join(text("model")?);
-        let motion_path = folder.join(text("motion")?);
-        let description = if table.contains_key("description") { text("description")? } else { String::new() };
+        let (sources, file) = Sources::read(path)?;
+        let (model_table, model) = ModelFile::load(&sources.model)?;
+        let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
+        check_coverage(&model, &motion, &sources.motion)?;
+        let fail = |issue: Issue| issue.in_file(&sources.study);
+        check_name(&file.name).map_err(fail)?;
+        let ratios = ratios(&file.ratio, &model).map_err(fail)?;
+        let plan = Plan::new(&file, &model, &model_table).map_err(fail)?;
 
-        let (model_table, model) = ModelFile::load(&read_named(&file, "model", &model_path)?)?;
-        let motion_file = read_named(&file, "motion", &motion_path)?;
-        let motion = Arc::new(MotionTable::from_file(&motion_file, &model)?);
-        check_coverage(&model, &motion, &motion_file)?;
-
-        let coordinates: Vec<(String, bool)> =
-            model.joint_coordinates().map(|(joint, name)| (name.to_owned(), joint.kind.is_angular())).collect();
-        let sub_table = |key: &str| match table.get(key) {
-            None => Ok(toml::Table::new()),
-            Some(toml::Value::Table(table)) => Ok(table.clone()),
-            Some(_) => Err(fail(Issue::new(&[key], "found a value", format!("write it as a table: [{key}]")))),
-        };
-        let mut base = Settings::default();
-        let mut base_changes = Vec::new();
-        for (name, value) in flatten(&sub_table("base")?) {
-            let assigned = value
-                .ok_or_else(|| {
-                    Complaint::new("found a list or a table", "[base] holds single values; lists go in [sweep.grid]")
-                })
-                .and_then(|value| assign(&mut base, &mut base_changes, &name, &value, &coordinates));
-            assigned.map_err(|c| fail(complaint_at(&["base"], &name, c)))?;
-        }
-        changed_model(&model_table, &base_changes)
-            .map_err(|c| fail(complaint_at(&["base"], culprit(&model_table, &base_changes), c)))?;
-
-        let assignments = sweep::expand(&sub_table("sweep")?).map_err(fail)?;
-        let axes: Vec<String> = assignments[0].iter().map(|(name, _)| name.clone()).collect();
-        if let Some(twice) = axes.iter().enumerate().find(|(i, name)| axes[..*i].contains(name)).map(|(_, name)| name) {
-            return Err(fail(Issue::new(&["sweep"], format!("`{twice}` is swept twice"), "sweep each name once")));
-        }
         let model_hash = canonical_hash(&model_table);
-        let motion_hash = blake3::hash(motion_file.text.as_bytes()).to_hex().to_string();
-        let mut jobs: Vec<Job> = Vec::with_capacity(assignments.len());
-        let mut in_block = 0;
-        for (index, swept) in assignments.into_iter().enumerate() {
-            let mut settings = base.clone();
-            let mut changes = base_changes.clone();
-            for (name, value) in &swept {
-                if name != sweep::SAMPLE {
-                    assign(&mut settings, &mut changes, name, value, &coordinates)
-                        .map_err(|c| fail(swept_issue(&table, name, c)))?;
-                }
-            }
-            let points = settings.points(motion.duration()).map_err(|c| {
-                fail(if axes.iter().any(|a| a == "h") {
-                    swept_issue(&table, "h", c)
-                } else {
-                    complaint_at(&["base"], "h", c)
-                })
-            })?;
-            if changes != base_changes {
-                changed_model(&model_table, &changes).map_err(|c| {
-                    let name = culprit(&model_table, &changes);
-                    let swept = axes.iter().any(|axis| axis == name);
-                    fail(if swept { swept_issue(&table, name, c) } else { complaint_at(&["base"], name, c) })
-                })?;
-            }
-            let before = jobs.last().filter(|before| {
-                let others = axes.len().saturating_sub(1);
-                settings.warm_start == WarmStart::Neighbour
-                    && in_block < BLOCK
-                    && before.swept[..others] == swept[..others]
-            });
-            let warm_start_from = before.map(|job| job.id.clone());
-            in_block = if before.is_some() { in_block + 1 } else { 1 };
-            let identity = Identity {
-                schema: SCHEMA_VERSION,
-                settings: &settings,
-                changes: &changes,
-                model: &model_hash,
-                motion: &motion_hash,
-                warm_start_from: warm_start_from.as_deref(),
-            };
-            let canonical = serde_json::to_vec(&identity).expect("settings are plain data");
-            let id = blake3::hash(&canonical).to_hex()[..16].to_owned();
-            jobs.push(Job { id, index, settings, changes, swept, points, warm_start_from });
-        }
-        let mut first = std::collections::HashMap::new();
-        for job in &jobs {
-            if let Some(other) = first.insert(&job.id, job.index) {
-                return Err(fail(Issue::new(
-                    &["sweep"],
-                    format!("jobs {other} and {} are the same", job.index),
-                    "remove the repeated value of an axis",
-                )));
-            }
-        }
+        let motion_hash = blake3::hash(sources.motion.text.as_bytes()).to_hex().to_string();
+        let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
+        plan.check_models(&jobs).map_err(fail)?;
+        let total: usize = plan.sweeps.iter().map(|sweep| sweep.points.len()).sum();
+        let (axes, base) = (plan.axes.keys().map(ToString::to_string).collect(), plan.base);
         Ok(Self {
-            name,
-            description,
-            path: path.to_owned(),
-            model_path,
-            motion_path,
+            name: file.name,
+            description: file.description,
             model,
             motion,
             axes,
+            repeated: total - jobs.len(),
             jobs,
+            ratios,
+            on_failure: file.on_failure,
+            base,
+            model_hash,
             motion_hash,
             model_table,
+            sources,
         })
     }
 
     /// The model of a job, its changes made.
     ///
     /// # Errors
-    /// Not for jobs of this study: each was checked when the study was loaded.
+    /// If the changes together make no model (a swept value was checked alone where a study has very many models).
     pub fn model_of(&self, job: &Job) -> std::result::Result<Model, Complaint> {
         changed_model(&self.model_table, &job.changes)
+    }
+
+    /// The number of the model file at a path.
+    pub fn model_number(&self, path: &str) -> Option<f64> {
+        change::number_at(&self.model_table, path)
     }
 
     /// Hash of everything that decides the results.
@@ -223,30 +154,269 @@ impl Study {
         hasher.finalize().to_hex()[..16].to_owned()
     }
 
-    /// Hash of the motion file.
-    pub fn motion_hash(&self) -> &str {
-        &self.motion_hash
-    }
-
-    pub fn model_hash(&self) -> String {
-        canonical_hash(&self.model_table)
+    /// The jobs in the pieces that are worked on by one thread: alone, or those that start from one another.
+    pub fn blocks(&self) -> Vec<&[Job]> {
+        self.jobs.chunk_by(|_, next| next.warm_start_from.is_some()).collect()
     }
 }
 
-/// Reads a file that a study names; if it is not there the error points at the key.
-fn read_named(study: &SourceFile, key: &str, path: &Path) -> Result<SourceFile> {
-    SourceFile::read(path).map_err(|error| match &error {
-        Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound => {
-            let help = miette::Diagnostic::help(&error).map(|h| h.to_string());
-            study.error(
-                study.toml_span(&[key.to_owned()]),
-                format!("the {key} file {} does not exist", path.display()),
-                "named here, relative to the study file",
-                help,
-            )
+/// The base and the expanded sweeps, before they are jobs.
+struct Plan<'m> {
+    base: Settings,
+    base_changes: Vec<ModelChange>,
+    sweeps: Vec<Expansion>,
+    /// Everything swept, with its first place in the file.
+    axes: IndexMap<Arc<str>, Place>,
+    /// The paths that each name of the model's numbers stands for.
+    paths: HashMap<Arc<str>, Vec<String>>,
+    /// The model's joint coordinates, with whether each is an angle.
+    coordinates: Vec<(String, bool)>,
+    model_table: &'m toml::Table,
+}
+
+impl<'m> Plan<'m> {
+    fn new(file: &StudyFile, model: &Model, model_table: &'m toml::Table) -> std::result::Result<Self, Issue> {
+        let coordinates =
+            model.joint_coordinates().map(|(joint, name)| (name.to_owned(), joint.kind.is_angular())).collect();
+        let mut plan = Plan {
+            base: Settings::default(),
+            base_changes: Vec::new(),
+            sweeps: Vec::new(),
+            axes: IndexMap::new(),
+            paths: HashMap::new(),
+            coordinates,
+            model_table,
+        };
+        for (name, value) in flatten(&file.base) {
+            let place = || vec!["base".to_owned(), name.clone()];
+            let value = value.ok_or_else(|| {
+                let help = "[base] holds single values; lists go in [sweep.grid]";
+                sweep::issue(place(), "found a list or a table", help)
+            })?;
+            plan.learn(&name).map_err(|c| complaint_at(place(), c))?;
+            let (mut base, mut changes) = (plan.base.clone(), plan.base_changes.clone());
+            plan.assign(&mut base, &mut changes, &name, &value).map_err(|c| complaint_at(place(), c))?;
+            (plan.base, plan.base_changes) = (base, changes);
         }
-        _ => error,
-    })
+        changed_model(model_table, &plan.base_changes)
+            .map_err(|c| complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c))?;
+
+        let single = [sweep_of_nothing()];
+        let sweeps: &[file::Sweep] = if file.sweep.0.is_empty() { &single } else { &file.sweep.0 };
+        for (i, sweep) in sweeps.iter().enumerate() {
+            // A table is [sweep], several are [[sweep]]; a path through the one has no index.
+            let place =
+                if sweeps.len() == 1 { vec!["sweep".to_owned()] } else { vec!["sweep".to_owned(), i.to_string()] };
+            let expansion = sweep::expand(sweep, &place, &|name| plan.fixed(name))?;
+            for (name, place) in &expansion.axes {
+                if **name != *sweep::SAMPLE {
+                    plan.learn(name).map_err(|c| complaint_at(place.clone(), c))?;
+                }
+                plan.axes.entry(Arc::clone(name)).or_insert(place.clone());
+            }
+            plan.sweeps.push(expansion);
+        }
+        Ok(plan)
+    }
+
+    /// Finds what a name stands for, and that it stands for something.
+    fn learn(&mut self, name: &str) -> std::result::Result<(), Complaint> {
+        if is_model_path(name) && !self.paths.contains_key(name) {
+            let paths = change::matching(self.model_table, name)?;
+            for path in &paths {
+                ModelChange { path: path.clone(), value: 1.0 }.apply(&mut self.model_table.clone())?;
+            }
+            self.paths.insert(name.into(), paths);
+        }
+        Ok(())
+    }
+
+    fn assign(
+        &self,
+        settings: &mut Settings,
+        changes: &mut Vec<ModelChange>,
+        name: &str,
+        value: &Value,
+    ) -> std::result::Result<(), Complaint> {
+        let Some(paths) = self.paths.get(name) else { return settings.set(name, value, &self.coordinates) };
+        for path in paths {
+            // A swept value replaces the fixed one; a change that changes nothing is none, so that a job has one identity.
+            let change = ModelChange::new(path, value)?;
+            changes.retain(|other| other.path != change.path);
+            if !change.is_idle(self.model_table) {
+                changes.push(change);
+            }
+        }
+        // A factor applies to whatever value is set.
+        changes.sort_by(|a, b| (a.is_factor(), &a.path).cmp(&(b.is_factor(), &b.path)));
+        Ok(())
+    }
+
+    /// What a job has under a name that is not swept for it.
+    fn fixed(&self, name: &str) -> Option<Value> {
+        if !is_model_path(name) {
+            return self.base.get(name);
+        }
+        let paths = change::matching(self.model_table, name).ok()?;
+        let number = |path: &String| {
+            let set = self.base_changes.iter().find(|change| change.path == *path).map(|change| change.value);
+            let factor = path.ends_with("_scale").then_some(1.0);
+            set.or_else(|| change::number_at(self.model_table, path)).or(factor)
+        };
+        let mut numbers = paths.iter().map(number);
+        let first = numbers.next()??;
+        numbers.all(|number| number == Some(first)).then_some(Value::Number(first))
+    }
+
+    /// The jobs in the order of the sweeps, each once.
+    fn jobs(&self, motion: &MotionTable, model_hash: &str, motion_hash: &str) -> std::result::Result<Vec<Job>, Issue> {
+        let fixed: Vec<Option<Value>> = self.axes.keys().map(|name| self.fixed(name)).collect();
+        let mut jobs: Vec<Job> = Vec::with_capacity(self.sweeps.iter().map(|sweep| sweep.points.len()).sum());
+        let mut known = HashSet::new();
+        for sweep in &self.sweeps {
+            let (first, mut in_block) = (jobs.len(), 0);
+            for point in &sweep.points {
+                let (settings, changes) = self.resolved(point)?;
+                let points = settings.points(motion.duration()).map_err(|c| complaint_at(self.place("h"), c))?;
+                let swept: Vec<Option<Value>> = (self.axes.keys().zip(&fixed))
+                    .map(|(axis, fixed)| {
+                        let own = point.iter().find(|(name, _)| name == axis).map(|(_, value)| value.clone());
+                        own.or_else(|| fixed.clone())
+                    })
+                    .collect();
+                let identity = Identity {
+                    schema: SCHEMA_VERSION,
+                    settings: &settings,
+                    changes: &changes,
+                    model: model_hash,
+                    motion: motion_hash,
+                    warm_start_from: None,
+                };
+                let mut id = identity.hash();
+                if !known.insert(id.clone()) {
+                    continue;
+                }
+                let before = jobs[first..].last().filter(|before| {
+                    let others = sweep.axes.len().saturating_sub(1);
+                    let alike = |(name, _): (&Arc<str>, &Place)| {
+                        let axis = self.axes.get_index_of(name).expect("each axis of a sweep is one of the study");
+                        before.swept[axis] == swept[axis]
+                    };
+                    settings.warm_start == WarmStart::Neighbour
+                        && in_block < BLOCK
+                        && sweep.axes.iter().take(others).all(alike)
+                });
+                let warm_start_from = before.map(|job| job.id.clone());
+                if warm_start_from.is_some() {
+                    id = Identity { warm_start_from: warm_start_from.as_deref(), ..identity }.hash();
+                }
+                in_block = if warm_start_from.is_some() { in_block + 1 } else { 1 };
+                jobs.push(Job { id, index: jobs.len(), settings, changes, swept, points, warm_start_from });
+            }
+        }
+        Ok(jobs)
+    }
+
+    /// The base with a point of a sweep set.
+    fn resolved(&self, point: &Point) -> std::result::Result<(Settings, Vec<ModelChange>), Issue> {
+        let (mut settings, mut changes) = (self.base.clone(), self.base_changes.clone());
+        for (name, value) in point.iter().filter(|(name, _)| **name != *sweep::SAMPLE) {
+            self.assign(&mut settings, &mut changes, name, value).map_err(|c| complaint_at(self.place(name), c))?;
+        }
+        Ok((settings, changes))
+    }
+
+    fn check_models(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
+        let changed: Vec<&Job> = jobs.iter().filter(|job| job.changes != self.base_changes).collect();
+        let stride = changed.len().div_ceil(CHECKED_MODELS).max(1);
+        let mut before: Option<&[ModelChange]> = None;
+        for job in changed.into_iter().step_by(stride) {
+            if before != Some(&job.changes[..]) {
+                changed_model(self.model_table, &job.changes)
+                    .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
+            }
+            before = Some(&job.changes);
+        }
+        Ok(())
+    }
+
+    /// Where a name is set: in its sweep, or in the base.
+    fn place(&self, name: &str) -> Place {
+        let swept = self.axes.iter().find(|(axis, _)| {
+            ***axis == *name || self.paths.get(*axis).is_some_and(|paths| paths.iter().any(|path| path == name))
+        });
+        swept.map_or_else(|| vec!["base".to_owned(), name.to_owned()], |(_, place)| place.clone())
+    }
+
+    /// The path of the first change without which the ones before it still make a model.
+    fn culprit(&self, changes: &[ModelChange]) -> String {
+        let first = (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n]).is_err());
+        first.map_or_else(String::new, |n| changes[n - 1].path.clone())
+    }
+}
+
+fn sweep_of_nothing() -> file::Sweep {
+    file::Sweep::default()
+}
+
+fn check_name(name: &str) -> std::result::Result<(), Issue> {
+    let fits = name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c));
+    if !fits || name.starts_with('.') || name.is_empty() {
+        let help = "the name becomes a folder: letters, digits, - _ and . only";
+        return Err(Issue::new(&["name"], format!("found \"{name}\""), help));
+    }
+    Ok(())
+}
+
+/// The declared ratios with their muscles by name.
+fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, Issue> {
+    let names: Vec<&str> = model.muscles.iter().map(|muscle| muscle.name.as_str()).collect();
+    let muscles = |index: usize, key: &str, patterns: &OneOrMany<String>| {
+        let mut found: Vec<String> = Vec::new();
+        for pattern in &patterns.0 {
+            let wild = wildmatch::WildMatch::new(pattern);
+            let before = found.len();
+            found.extend(names.iter().filter(|name| wild.matches(name)).map(|name| (*name).to_owned()));
+            if found.len() == before {
+                let near =
+                    crate::error::nearest(pattern, names.iter().copied()).map(|n| format!("did you mean `{n}`? "));
+                let help = format!("{}muscles of the model: {}", near.unwrap_or_default(), names.join(", "));
+                return Err(Issue::new(
+                    &["ratio", &index.to_string(), key],
+                    format!("no muscle is called `{pattern}`"),
+                    help,
+                ));
+            }
+        }
+        found.sort();
+        found.dedup();
+        if found.is_empty() {
+            return Err(Issue::new(
+                &["ratio", &index.to_string(), key],
+                "no muscle",
+                "name a muscle or a list of them",
+            ));
+        }
+        Ok(OneOrMany(found))
+    };
+    let mut resolved: Vec<Ratio> = Vec::new();
+    for (index, ratio) in declared.iter().enumerate() {
+        if resolved.iter().any(|other| other.name == ratio.name) {
+            let help = "give each ratio a name of its own";
+            return Err(Issue::new(
+                &["ratio", &index.to_string(), "name"],
+                format!("`{}` is there twice", ratio.name),
+                help,
+            ));
+        }
+        resolved.push(Ratio {
+            name: ratio.name.clone(),
+            numerator: muscles(index, "numerator", &ratio.numerator)?,
+            denominator: muscles(index, "denominator", &ratio.denominator)?,
+            measure: ratio.measure.clone(),
+        });
+    }
+    Ok(resolved)
 }
 
 /// Every joint coordinate must be measured, unless loops leave some of them to the others.
@@ -268,35 +438,6 @@ fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Res
     ))
 }
 
-fn assign(
-    settings: &mut Settings,
-    changes: &mut Vec<ModelChange>,
-    name: &str,
-    value: &Value,
-    coordinates: &[(String, bool)],
-) -> std::result::Result<(), Complaint> {
-    if is_model_path(name) {
-        // A swept value replaces the fixed one; a factor applies to whatever value is set.
-        let change = ModelChange::new(name, value)?;
-        changes.retain(|other| other.path != change.path);
-        let at = if change.is_factor() {
-            changes.len()
-        } else {
-            changes.iter().position(ModelChange::is_factor).unwrap_or(changes.len())
-        };
-        changes.insert(at, change);
-        Ok(())
-    } else {
-        settings.set(name, value, coordinates)
-    }
-}
-
-/// The path of the first change without which the ones before it still make a model.
-fn culprit<'c>(model: &toml::Table, changes: &'c [ModelChange]) -> &'c str {
-    let first = (1..=changes.len()).find(|&n| changed_model(model, &changes[..n]).is_err());
-    first.map_or("", |n| changes[n - 1].path.as_str())
-}
-
 /// `a.b.c = v`, written as tables or as a quoted key, becomes ("a.b.c", v). `None`: neither number, text nor flag.
 fn flatten(table: &toml::Table) -> Vec<(String, Option<Value>)> {
     let mut flat = Vec::new();
@@ -305,61 +446,19 @@ fn flatten(table: &toml::Table) -> Vec<(String, Option<Value>)> {
             toml::Value::Table(inner) => {
                 flat.extend(flatten(inner).into_iter().map(|(name, value)| (format!("{key}.{name}"), value)));
             }
-            toml::Value::Boolean(flag) => flat.push((key.clone(), Some(Value::Flag(*flag)))),
-            toml::Value::Integer(number) => flat.push((key.clone(), Some(Value::Integer(*number)))),
-            toml::Value::Float(number) => flat.push((key.clone(), Some(Value::Number(*number)))),
-            toml::Value::String(text) => flat.push((key.clone(), Some(Value::Text(text.clone())))),
-            _ => flat.push((key.clone(), None)),
+            other => flat.push((key.clone(), Value::of(other))),
         }
     }
     flat
 }
 
-/// The issue of a name that may be written as a quoted key or as nested tables.
-fn complaint_at(parents: &[&str], name: &str, complaint: Complaint) -> Issue {
-    let path = parents.iter().copied().chain([name]).filter(|k| !k.is_empty()).map(str::to_owned).collect();
-    Issue { path, message: complaint.message, help: Some(complaint.help) }
-}
-
-fn swept_issue(study: &toml::Table, name: &str, complaint: Complaint) -> Issue {
-    let sweep = study.get("sweep").and_then(toml::Value::as_table);
-    let kind = sweep
-        .and_then(|s| s.iter().find(|(_, axes)| axes.get(name).is_some()).map(|(kind, _)| kind.as_str()))
-        .unwrap_or("grid");
-    complaint_at(&["sweep", kind], name, complaint)
+fn complaint_at(place: Place, complaint: Complaint) -> Issue {
+    Issue { path: place, message: complaint.message, help: Some(complaint.help) }
 }
 
 /// Hash of a table's content, not of its layout or comments.
 fn canonical_hash(table: &toml::Table) -> String {
-    let value = serde_json::to_value(table).expect("a TOML table is plain data");
-    let mut canonical = String::new();
-    write_canonical(&value, &mut canonical);
-    blake3::hash(canonical.as_bytes()).to_hex()[..16].to_owned()
-}
-
-/// JSON with sorted keys.
-fn write_canonical(value: &serde_json::Value, out: &mut String) {
-    match value {
-        serde_json::Value::Object(map) => {
-            let mut keys: Vec<&String> = map.keys().collect();
-            keys.sort();
-            out.push('{');
-            for key in keys {
-                out.push_str(&serde_json::Value::String(key.clone()).to_string());
-                out.push(':');
-                write_canonical(&map[key], out);
-                out.push(',');
-            }
-            out.push('}');
-        }
-        serde_json::Value::Array(items) => {
-            out.push('[');
-            items.iter().for_each(|item| {
-                write_canonical(item, out);
-                out.push(',');
-            });
-            out.push(']');
-        }
-        other => out.push_str(&other.to_string()),
-    }
+    let mut value = serde_json::to_value(table).expect("a TOML table is plain data");
+    value.sort_all_objects();
+    blake3::hash(value.to_string().as_bytes()).to_hex()[..16].to_owned()
 }

@@ -1,12 +1,13 @@
 //! What a study may set, in `[base]` and in axes alike, beside the numbers of the model.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::nearest;
 use crate::transcription::collocation::BoundKind;
 
 /// A value of a study file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Value {
     Flag(bool),
@@ -34,6 +35,25 @@ impl Value {
             _ => None,
         }
     }
+
+    /// `None` for what is no single value.
+    pub fn of(item: &toml::Value) -> Option<Self> {
+        match item {
+            toml::Value::Boolean(flag) => Some(Value::Flag(*flag)),
+            toml::Value::Integer(number) => Some(Value::Integer(*number)),
+            toml::Value::Float(number) => Some(Value::Number(*number)),
+            toml::Value::String(text) => Some(Value::Text(text.clone())),
+            _ => None,
+        }
+    }
+
+    /// Whether both mean the same: 1 is 1.0, and rounding in a range does not matter.
+    pub fn same(&self, other: &Self) -> bool {
+        match (self.number(), other.number()) {
+            (Some(a), Some(b)) => a == b || (a - b).abs() <= 1e-12 * a.abs().max(b.abs()),
+            _ => self == other,
+        }
+    }
 }
 
 /// Why a value cannot be set, and what is allowed.
@@ -52,7 +72,7 @@ impl Complaint {
 macro_rules! choices {
     ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $text:literal),+ $(,)? }) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
         #[serde(rename_all = "snake_case")]
         pub enum $name { $($(#[$variant_doc])* $variant),+ }
 
@@ -160,27 +180,36 @@ impl Bounds {
 }
 
 /// All settings of a job.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Settings {
     /// Load-sharing parameter μ of eq. (26).
+    #[schemars(range(min = 0.0, max = 1e6))]
     pub mu: f64,
-    /// Distance of collocation points, s.
+    /// Distance of collocation points, s; divides the duration.
+    #[schemars(range(min = 1e-6, max = 1e6))]
     pub h: f64,
     pub scheme: Scheme,
     /// Radau points per interval.
+    #[schemars(range(min = 1, max = 3))]
     pub stages: usize,
     pub initial: Initial,
     pub bounds: Bounds,
     pub load_sharing_grid: LoadSharingGrid,
     /// Measured instants per interval; null for twice the collocation points per interval.
+    #[schemars(range(min = 1, max = 1000))]
     pub measurement_ratio: Option<usize>,
     /// Standard deviation of noise on measured body coordinates, m and rad.
+    #[schemars(range(min = 0.0, max = 1e3))]
     pub noise_sd: f64,
     /// Low-pass cut-off for the motion, Hz; 0 for none.
+    #[schemars(range(min = 0.0, max = 1e6))]
     pub smoothing_hz: f64,
     /// Start guesses: the first by inverse dynamics, the others that one disturbed.
+    #[schemars(range(min = 1, max = 100_000))]
     pub starts: usize,
     /// Number of the first of them; 0 is the one by inverse dynamics.
+    #[schemars(range(min = 0, max = 1_000_000))]
     pub first_start: usize,
     pub warm_start: WarmStart,
     /// Of noise and of disturbed starts.
@@ -188,12 +217,16 @@ pub struct Settings {
     pub regularity: RegularityMode,
     /// Store functions of time.
     pub trajectories: bool,
+    #[schemars(range(min = 0, max = 1_000_000))]
     pub max_iterations: usize,
     /// Wall-clock limit of one job, s; null for none.
+    #[schemars(range(min = 0.0, max = 1e9))]
     pub time_limit_s: Option<f64>,
     /// `motion.time_scale`
+    #[schemars(skip)]
     pub time_scale: f64,
     /// `motion.<coordinate>_offset_…` (SI) and `motion.<coordinate>_scale`, by coordinate.
+    #[schemars(skip)]
     pub motion: Vec<(String, f64, f64)>,
 }
 
@@ -226,6 +259,9 @@ impl Default for Settings {
 
 /// A mistyped h should not ask for all memory.
 const MOST_POINTS: usize = 100_001;
+
+/// What may be changed about a coordinate of the motion.
+const MOTION_ENDINGS: [&str; 4] = ["_offset_deg", "_offset_rad", "_offset_m", "_scale"];
 
 /// The names of plain settings, for messages.
 pub const NAMES: &[&str] = &[
@@ -293,6 +329,26 @@ impl Settings {
         Ok(())
     }
 
+    /// The value of a setting or of a change of the motion, as a study would write it; `None` for what is not set.
+    pub fn get(&self, name: &str) -> Option<Value> {
+        let Some(change) = name.strip_prefix("motion.") else {
+            let all = serde_json::to_value(self).expect("settings are plain data");
+            let found = NAMES.contains(&name).then(|| all[name].clone())?;
+            return serde_json::from_value(found).ok();
+        };
+        if change == "time_scale" {
+            return Some(Value::Number(self.time_scale));
+        }
+        let (coordinate, ending) = MOTION_ENDINGS.iter().find_map(|e| Some((change.strip_suffix(e)?, *e)))?;
+        let (_, offset, scale) =
+            self.motion.iter().find(|(name, ..)| name == coordinate).cloned().unwrap_or((String::new(), 0.0, 1.0));
+        Some(Value::Number(match ending {
+            "_scale" => scale,
+            "_offset_deg" => offset.to_degrees(),
+            _ => offset,
+        }))
+    }
+
     /// Collocation points in an interval of length h.
     pub fn points_per_interval(&self) -> usize {
         if self.scheme == Scheme::Radau { self.stages } else { 1 }
@@ -308,8 +364,8 @@ impl Settings {
             self.time_scale = number(value, 1e-6..=1e6, "a positive factor")?;
             return Ok(());
         }
-        const ENDINGS: [&str; 4] = ["_offset_deg", "_offset_rad", "_offset_m", "_scale"];
-        let Some((coordinate, ending)) = ENDINGS.iter().find_map(|e| change.strip_suffix(e).map(|c| (c, *e))) else {
+        let Some((coordinate, ending)) = MOTION_ENDINGS.iter().find_map(|e| change.strip_suffix(e).map(|c| (c, *e)))
+        else {
             return Err(Complaint::new(
                 format!("unknown change `motion.{change}`"),
                 "motion takes time_scale, <coordinate>_offset_deg (or _rad, _m) and <coordinate>_scale",
@@ -345,6 +401,9 @@ impl Settings {
             "_offset_deg" => self.motion[at].1 = number.to_radians(),
             _ => self.motion[at].1 = number,
         }
+        // One way to write each set of changes: it is part of a job's identity.
+        self.motion.retain(|(_, offset, scale)| (*offset, *scale) != (0.0, 1.0));
+        self.motion.sort_by(|a, b| a.0.cmp(&b.0));
         Ok(())
     }
 

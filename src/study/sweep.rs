@@ -7,285 +7,448 @@
 //! [sweep.zip]                                   # side by side: all of one length
 //! h = [0.2, 0.1]
 //! max_iterations = [100, 200]
-//! [sweep.sample]                                # seeded, uniform and independent
+//! [sweep.star]                                  # the base, and each value of each axis alone
+//! "muscle.triceps.tendon_slack_length_scale" = [0.95, 1.05]
+//! [[sweep.list]]                                # explicit jobs
+//! mu = 0.3
+//! [sweep.sample]                                # seeded: random, latin_hypercube or sobol
 //! count = 100
 //! seed = 7
-//! "body.forearm.mass" = { from = 1.0, to = 2.0 }   # or with scale = "log"
-//! bounds = ["activation", "both"]               # any of these, equally likely
+//! "body.forearm.mass" = { from = 1.0, to = 2.0 }
+//! [sweep.group.speed.zip]                       # a sweep of its own, multiplied with the rest
+//! [[sweep.exclude]]                             # leave out what matches all of this; [[sweep.when]] keeps only that
+//! bounds = "both"
+//! mu = { from = 0.5 }
 //! ```
 //!
-//! Where several are given they multiply: samples turn slowest, then the grid, then the zip.
+//! Where several are given they multiply; samples turn slowest, then groups, list, grid, star and zip.
 
-use rand::{RngExt, SeedableRng};
+use std::sync::Arc;
 
+use indexmap::IndexMap;
+
+use super::file::{Sweep, shown};
+use super::sample::samples;
 use super::settings::Value;
-use crate::error::{Issue, nearest};
+use crate::error::Issue;
 
-/// (name, value) of everything swept, for one job.
-pub type Assignment = Vec<(String, Value)>;
+/// What a sweep sets for one job.
+pub type Point = Vec<(Arc<str>, Value)>;
 
 /// Name of the column that numbers the samples.
 pub const SAMPLE: &str = "sample";
 
-/// Expands `[sweep]`. Without one there is a single job.
+/// A sweep of more jobs than this is taken for a mistake.
+const MOST_JOBS: usize = 1_000_000;
+
+/// Where in the study file something is: keys from the top.
+pub type Place = Vec<String>;
+
+/// A sweep's jobs, and where each swept name stands in the file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Expansion {
+    pub points: Vec<Point>,
+    pub axes: IndexMap<Arc<str>, Place>,
+}
+
+pub fn at(place: &[String], keys: &[&str]) -> Place {
+    place.iter().cloned().chain(keys.iter().map(|key| (*key).to_owned())).collect()
+}
+
+pub fn issue(path: Place, message: impl Into<String>, help: impl Into<String>) -> Issue {
+    Issue { path, message: message.into(), help: Some(help.into()) }
+}
+
+/// Expands a sweep; an empty one is a single job. `fixed` gives what a job has that the sweep does not set.
 ///
 /// # Errors
-/// An [`Issue`] with the path of the axis at fault.
-pub fn expand(sweep: &toml::Table) -> Result<Vec<Assignment>, Issue> {
-    let mut jobs: Vec<Assignment> = vec![Vec::new()];
-    for key in sweep.keys() {
-        if !["grid", "zip", "sample"].contains(&key.as_str()) {
-            let near = nearest(key, ["grid", "zip", "sample"]).map(|n| format!("did you mean `{n}`? "));
-            return Err(Issue::new(
-                &["sweep", key],
-                format!("unknown kind of sweep `{key}`"),
-                format!("{}kinds are: grid, zip, sample", near.unwrap_or_default()),
-            ));
+/// An [`Issue`] with the place of the axis at fault.
+pub fn expand(sweep: &Sweep, place: &[String], fixed: &dyn Fn(&str) -> Option<Value>) -> Result<Expansion, Issue> {
+    let mut whole = Expansion { points: vec![Vec::new()], axes: IndexMap::new() };
+    if let Some(sample) = &sweep.sample {
+        whole = multiply(whole, samples(sample, &at(place, &["sample"]))?, place)?;
+    }
+    for (name, group) in &sweep.group {
+        whole = multiply(whole, expand(group, &at(place, &["group", name]), fixed)?, place)?;
+    }
+    if !sweep.list.is_empty() {
+        whole = multiply(whole, list(&sweep.list, &at(place, &["list"]))?, place)?;
+    }
+    if let Some(table) = &sweep.grid {
+        for axis in distinct(axes(table, &at(place, &["grid"]))?)? {
+            whole = multiply(whole, axis.expansion(), place)?;
         }
     }
-    if let Some(table) = table(sweep, "sample")? {
-        jobs = multiply(jobs, samples(table)?);
+    if let Some(table) = &sweep.star {
+        whole = multiply(whole, star(distinct(axes(table, &at(place, &["star"]))?)?), place)?;
     }
-    if let Some(table) = table(sweep, "grid")? {
-        for (name, spec) in table {
-            let values = axis("grid", name, spec)?;
-            jobs = multiply(jobs, values.into_iter().map(|value| vec![(name.clone(), value)]).collect());
+    if let Some(table) = &sweep.zip {
+        whole = multiply(whole, zip(axes(table, &at(place, &["zip"]))?)?, place)?;
+    }
+    for (patterns, keep, key) in [(&sweep.when, true, "when"), (&sweep.exclude, false, "exclude")] {
+        if patterns.is_empty() {
+            continue;
+        }
+        let patterns = (patterns.iter().enumerate())
+            .map(|(i, table)| pattern(table, &at(place, &[key, &i.to_string()]), &whole, fixed))
+            .collect::<Result<Vec<_>, _>>()?;
+        whole.points.retain(|point| patterns.iter().any(|p| p.iter().all(|test| test.holds(point, fixed))) == keep);
+        if whole.points.is_empty() {
+            let help = "remove a condition, or widen it: `when` keeps what matches all keys of one of its tables, \
+                        `exclude` leaves that out";
+            return Err(issue(at(place, &[key]), "the conditions leave no job", help));
         }
     }
-    if let Some(table) = table(sweep, "zip")? {
-        let axes =
-            table.iter().map(|(name, spec)| Ok((name, axis("zip", name, spec)?))).collect::<Result<Vec<_>, _>>()?;
-        let length = axes.first().map_or(0, |(_, values)| values.len());
-        if let Some((name, values)) = axes.iter().find(|(_, values)| values.len() != length) {
-            return Err(Issue::new(
-                &["sweep", "zip", name],
-                format!("{} values beside {length} of `{}`", values.len(), axes[0].0),
-                "axes of a zip go side by side: give all the same length, or use [sweep.grid]",
-            ));
-        }
-        let rows =
-            (0..length).map(|i| axes.iter().map(|(name, values)| ((*name).clone(), values[i].clone())).collect());
-        jobs = multiply(jobs, rows.collect());
-    }
-    Ok(jobs)
+    Ok(whole)
 }
 
-fn multiply(left: Vec<Assignment>, right: Vec<Assignment>) -> Vec<Assignment> {
-    left.iter().flat_map(|a| right.iter().map(move |b| a.iter().chain(b).cloned().collect())).collect()
+fn multiply(left: Expansion, right: Expansion, place: &[String]) -> Result<Expansion, Issue> {
+    if let Some((name, path)) = right.axes.iter().find(|(name, _)| left.axes.contains_key(*name)) {
+        return Err(issue(path.clone(), format!("`{name}` is swept twice"), "sweep each name once"));
+    }
+    let count = left.points.len().saturating_mul(right.points.len());
+    if count > MOST_JOBS {
+        let message = format!("the sweep has {count} jobs and more; {MOST_JOBS} are the most");
+        return Err(issue(
+            place.to_vec(),
+            message,
+            "fewer values an axis, or [sweep.sample] instead of every combination",
+        ));
+    }
+    let points = match (left.points.len(), right.points.len()) {
+        (1, _) if left.points[0].is_empty() => right.points,
+        (_, 1) if right.points[0].is_empty() => left.points,
+        _ => {
+            let joined = |a: &Point, b: &Point| {
+                let mut point = Vec::with_capacity(a.len() + b.len());
+                point.extend_from_slice(a);
+                point.extend_from_slice(b);
+                point
+            };
+            left.points.iter().flat_map(|a| right.points.iter().map(move |b| joined(a, b))).collect()
+        }
+    };
+    Ok(Expansion { points, axes: left.axes.into_iter().chain(right.axes).collect() })
 }
 
-fn table<'t>(sweep: &'t toml::Table, kind: &str) -> Result<Option<&'t toml::Table>, Issue> {
-    match sweep.get(kind) {
-        None => Ok(None),
-        Some(toml::Value::Table(table)) if !table.is_empty() => Ok(Some(table)),
-        Some(toml::Value::Table(_)) => Err(Issue::new(
-            &["sweep", kind],
+/// A swept name with its values.
+pub struct Axis {
+    pub name: Arc<str>,
+    pub place: Place,
+    pub values: Vec<Value>,
+}
+
+impl Axis {
+    fn expansion(self) -> Expansion {
+        let points = self.values.into_iter().map(|value| vec![(Arc::clone(&self.name), value)]).collect();
+        Expansion { points, axes: [(self.name, self.place)].into_iter().collect() }
+    }
+}
+
+fn axes(table: &toml::Table, place: &[String]) -> Result<Vec<Axis>, Issue> {
+    if table.is_empty() {
+        return Err(issue(
+            place.to_vec(),
             "the sweep has no axis",
             "add an axis such as mu = [0.1, 0.2], or remove it",
-        )),
-        Some(_) => Err(Issue::new(&["sweep", kind], "found a value", format!("write it as a table: [sweep.{kind}]"))),
+        ));
     }
+    table
+        .iter()
+        .map(|(name, spec)| {
+            let place = at(place, &[name]);
+            Ok(Axis { name: name.as_str().into(), values: values(name, spec, &place)?, place })
+        })
+        .collect()
 }
 
-/// The values of one axis: a list, or a range.
-fn axis(kind: &str, name: &str, spec: &toml::Value) -> Result<Vec<Value>, Issue> {
-    let issue = |message: String, help: &str| Issue::new(&["sweep", kind, name], message, help);
+/// Refuses a value that an axis has twice.
+fn distinct(axes: Vec<Axis>) -> Result<Vec<Axis>, Issue> {
+    for axis in &axes {
+        let mut seen = std::collections::HashSet::new();
+        if let Some(value) = axis.values.iter().find(|value| !seen.insert(value.to_string())) {
+            let help = "remove the repeated value of the axis";
+            return Err(issue(axis.place.clone(), format!("{value} is there twice"), help));
+        }
+    }
+    Ok(axes)
+}
+
+fn zip(axes: Vec<Axis>) -> Result<Expansion, Issue> {
+    let (first, length) = (Arc::clone(&axes[0].name), axes[0].values.len());
+    if let Some(axis) = axes.iter().find(|axis| axis.values.len() != length) {
+        return Err(issue(
+            axis.place.clone(),
+            format!("{} values beside {length} of `{first}`", axis.values.len()),
+            "axes of a zip go side by side: give all the same length, or use [sweep.grid]",
+        ));
+    }
+    let points =
+        (0..length).map(|i| axes.iter().map(|axis| (Arc::clone(&axis.name), axis.values[i].clone())).collect());
+    Ok(Expansion {
+        points: points.collect(),
+        axes: axes.iter().map(|a| (Arc::clone(&a.name), a.place.clone())).collect(),
+    })
+}
+
+fn star(axes: Vec<Axis>) -> Expansion {
+    let names = axes.iter().map(|axis| (Arc::clone(&axis.name), axis.place.clone())).collect();
+    let arms = axes.into_iter().flat_map(|axis| axis.expansion().points);
+    Expansion { points: std::iter::once(Vec::new()).chain(arms).collect(), axes: names }
+}
+
+fn list(jobs: &[toml::Table], place: &[String]) -> Result<Expansion, Issue> {
+    let mut whole = Expansion::default();
+    for (i, job) in jobs.iter().enumerate() {
+        let mut point = Point::new();
+        for (name, spec) in job {
+            let place = at(place, &[&i.to_string(), name]);
+            check_name(name, spec, &place)?;
+            let value = Value::of(spec).ok_or_else(|| {
+                issue(
+                    place.clone(),
+                    format!("found {spec}"),
+                    "a job of a list has single values; lists go in [sweep.grid]",
+                )
+            })?;
+            let name: Arc<str> = name.as_str().into();
+            whole.axes.entry(Arc::clone(&name)).or_insert(place);
+            point.push((name, value));
+        }
+        if let Some(other) = whole.points.iter().position(|other| *other == point) {
+            let message = format!("entries {other} and {i} of the list are the same");
+            return Err(issue(at(place, &[&i.to_string()]), message, "remove one of them"));
+        }
+        whole.points.push(point);
+    }
+    Ok(whole)
+}
+
+fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
     if name == SAMPLE {
-        return Err(issue("`sample` numbers the samples".into(), "use [sweep.sample] with count and seed"));
+        return Err(issue(place.to_vec(), "`sample` numbers the samples", "use [sweep.sample] with count and seed"));
     }
     if let (toml::Value::Table(inner), true) = (spec, super::change::is_model_path(name) || name == "motion") {
         let first = inner.keys().next().map_or("…", String::as_str);
         return Err(issue(
+            place.to_vec(),
             format!("found the table `{name}`"),
-            &format!("quote the whole name: \"{name}.{first}.…\" = […]"),
+            format!("quote the whole name: \"{name}.{first}.…\" = […]"),
         ));
     }
+    Ok(())
+}
+
+/// The values of one axis: a list, or a range.
+pub fn values(name: &str, spec: &toml::Value, place: &[String]) -> Result<Vec<Value>, Issue> {
+    let fail = |message: String, help: &str| issue(place.to_vec(), message, help);
+    check_name(name, spec, place)?;
     match spec {
         toml::Value::Array(items) if items.is_empty() => {
-            Err(issue("the axis has no value".into(), "give at least one value, or remove the axis"))
+            Err(fail("the axis has no value".into(), "give at least one value, or remove the axis"))
         }
         toml::Value::Array(items) => items
             .iter()
             .map(|item| {
-                value(item).ok_or_else(|| {
-                    issue(format!("found {item}"), "an axis is a list of numbers, texts, or true and false")
+                Value::of(item).ok_or_else(|| {
+                    fail(format!("found {item}"), "an axis is a list of numbers, texts, or true and false")
                 })
             })
             .collect(),
         toml::Value::Table(range) => {
             for key in range.keys() {
                 if !["from", "to", "count", "scale"].contains(&key.as_str()) {
-                    return Err(Issue::new(
-                        &["sweep", kind, name, key],
+                    return Err(issue(
+                        at(place, &[key]),
                         format!("unknown key `{key}`"),
                         "a range has from, to, count, and scale = \"linear\" or \"log\"",
                     ));
                 }
             }
-            let (from, to) = ends(kind, name, range)?;
-            let count = range.get("count").and_then(toml::Value::as_integer).filter(|c| (1..=1_000_000).contains(c));
-            let Some(count) = count else {
-                return Err(issue(
-                    "the range has no `count` from 1 on".into(),
-                    "say how many values, such as count = 5",
-                ));
-            };
-            let log = match range.get("scale").map(toml::Value::as_str) {
-                None | Some(Some("linear")) => false,
-                Some(Some("log")) if from > 0.0 && to > 0.0 => true,
-                Some(Some("log")) => {
-                    return Err(issue(format!("a log range from {from} to {to}"), "both ends must be above 0"));
-                }
-                _ => return Err(issue("unknown scale".into(), "scale is \"linear\" or \"log\"")),
-            };
-            let at = |i: i64| {
-                let share = if count == 1 { 0.0 } else { i as f64 / (count - 1) as f64 };
-                match (i, log) {
-                    (0, _) => from,
-                    _ if i == count - 1 => to,
-                    (_, true) => (from.ln() + share * (to.ln() - from.ln())).exp(),
-                    (_, false) => from + share * (to - from),
-                }
-            };
-            // Whole numbers between whole ends stay whole: starts, seeds, ratios.
-            let whole = !log && ["from", "to"].iter().all(|key| range.get(*key).is_some_and(toml::Value::is_integer));
-            let value = |x: f64| if whole && x.fract() == 0.0 { Value::Integer(x as i64) } else { Value::Number(x) };
-            Ok((0..count).map(|i| value(at(i))).collect())
+            let range = Range::new(range, place)?;
+            let count = range.count.ok_or_else(|| {
+                fail("the range has no `count` from 1 on".into(), "say how many values, such as count = 5")
+            })?;
+            Ok((0..count).map(|i| range.value(i, count)).collect())
         }
-        other => Err(issue(
-            format!("found the single value {other}"),
+        other => Err(fail(
+            format!("found the single value {}", shown(other)),
             "an axis is a list such as [0.1, 0.2] or a range { from = …, to = …, count = … }; fixed values belong in [base]",
         )),
     }
 }
 
-fn ends(kind: &str, name: &str, range: &toml::Table) -> Result<(f64, f64), Issue> {
-    let end = |key: &str| {
-        range.get(key).and_then(|v| value(v)?.number()).filter(|v| v.is_finite()).ok_or_else(|| {
-            Issue::new(&["sweep", kind, name], format!("the range has no number `{key}`"), "give from = … and to = …")
-        })
-    };
-    Ok((end("from")?, end("to")?))
+/// `{ from = …, to = … }`, with `count` and `scale` where they have a meaning.
+#[derive(Clone, Debug)]
+pub struct Range {
+    from: f64,
+    to: f64,
+    log: bool,
+    /// Both ends are whole numbers.
+    whole: bool,
+    count: Option<usize>,
 }
 
-fn value(item: &toml::Value) -> Option<Value> {
-    match item {
-        toml::Value::Boolean(flag) => Some(Value::Flag(*flag)),
-        toml::Value::Integer(number) => Some(Value::Integer(*number)),
-        toml::Value::Float(number) => Some(Value::Number(*number)),
-        toml::Value::String(text) => Some(Value::Text(text.clone())),
-        _ => None,
+impl Range {
+    pub fn new(range: &toml::Table, place: &[String]) -> Result<Self, Issue> {
+        let end = |key: &str| {
+            range.get(key).and_then(|v| Value::of(v)?.number()).filter(|v| v.is_finite()).ok_or_else(|| {
+                issue(place.to_vec(), format!("the range has no number `{key}`"), "give from = … and to = …")
+            })
+        };
+        let (from, to) = (end("from")?, end("to")?);
+        let log = match range.get("scale").map(toml::Value::as_str) {
+            None | Some(Some("linear")) => false,
+            Some(Some("log")) if from > 0.0 && to > 0.0 => true,
+            Some(Some("log")) => {
+                let message = format!("a log range from {from} to {to}");
+                return Err(issue(at(place, &["scale"]), message, "both ends must be above 0"));
+            }
+            _ => return Err(issue(at(place, &["scale"]), "unknown scale", "scale is \"linear\" or \"log\"")),
+        };
+        let whole = !log && ["from", "to"].iter().all(|key| range.get(*key).is_some_and(toml::Value::is_integer));
+        let count = range.get("count").and_then(toml::Value::as_integer).filter(|c| (1..=MOST_JOBS as i64).contains(c));
+        Ok(Self { from, to, log, whole, count: count.map(|c| c as usize) })
+    }
+
+    /// The number at a share from 0 to 1.
+    pub fn share(&self, share: f64) -> f64 {
+        match self.log {
+            true => (self.from.ln() + share * (self.to.ln() - self.from.ln())).exp(),
+            false => self.from + share * (self.to - self.from),
+        }
+    }
+
+    /// Value `i` of `count`; both ends are met exactly.
+    fn value(&self, i: usize, count: usize) -> Value {
+        let x = match i {
+            0 => self.from,
+            _ if i + 1 == count => self.to,
+            _ => self.share(i as f64 / (count - 1) as f64),
+        };
+        // Whole numbers between whole ends stay whole: starts, seeds, ratios.
+        if self.whole && x.fract() == 0.0 { Value::Integer(x as i64) } else { Value::Number(x) }
     }
 }
 
-fn samples(table: &toml::Table) -> Result<Vec<Assignment>, Issue> {
-    let integer = |key: &str, least: i64, most: i64| match table.get(key).and_then(toml::Value::as_integer) {
-        Some(number) if (least..=most).contains(&number) => Ok(number),
-        _ => Err(Issue::new(
-            &["sweep", "sample", key],
-            format!("`{key}` must be a whole number from {least} to {most}"),
-            "samples are counted and seeded: count = 100, seed = 1",
-        )),
-    };
-    let (count, seed) = (integer("count", 1, 1_000_000)?, integer("seed", 0, i64::MAX)?);
-    let draws = table
-        .iter()
-        .filter(|(name, _)| !["count", "seed"].contains(&name.as_str()))
-        .map(|(name, spec)| Ok((name, Draw::new(name, spec)?)))
-        .collect::<Result<Vec<_>, Issue>>()?;
-    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed as u64);
-    Ok((0..count)
-        .map(|i| {
-            let mut assignment = vec![(SAMPLE.to_owned(), Value::Integer(i))];
-            assignment.extend(draws.iter().map(|(name, draw)| ((*name).clone(), draw.at(rng.random()))));
-            assignment
-        })
-        .collect())
+/// One key of a condition.
+struct Test {
+    name: String,
+    allowed: Allowed,
 }
 
-/// What a sampled parameter is drawn from.
-enum Draw {
-    Linear(f64, f64),
-    Log(f64, f64),
-    Choice(Vec<Value>),
+enum Allowed {
+    OneOf(Vec<Value>),
+    Between(f64, f64),
 }
 
-impl Draw {
-    fn new(name: &str, spec: &toml::Value) -> Result<Self, Issue> {
-        match spec {
-            toml::Value::Array(_) => Ok(Draw::Choice(axis("sample", name, spec)?)),
-            toml::Value::Table(range) if range.keys().all(|k| ["from", "to", "scale"].contains(&k.as_str())) => {
-                let (from, to) = ends("sample", name, range)?;
-                match range.get("scale").map(toml::Value::as_str) {
-                    None | Some(Some("linear")) => Ok(Draw::Linear(from, to)),
-                    Some(Some("log")) if from > 0.0 && to > 0.0 => Ok(Draw::Log(from, to)),
-                    _ => Err(Issue::new(
-                        &["sweep", "sample", name, "scale"],
-                        "no scale for this range",
-                        "scale is \"linear\" or, with both ends above 0, \"log\"",
-                    )),
+impl Test {
+    fn holds(&self, point: &Point, fixed: &dyn Fn(&str) -> Option<Value>) -> bool {
+        let swept = point.iter().find(|(name, _)| **name == *self.name).map(|(_, value)| value.clone());
+        let Some(value) = swept.or_else(|| fixed(&self.name)) else { return false };
+        match &self.allowed {
+            Allowed::OneOf(values) => values.iter().any(|allowed| allowed.same(&value)),
+            Allowed::Between(from, to) => value.number().is_some_and(|number| (*from..=*to).contains(&number)),
+        }
+    }
+}
+
+fn pattern(
+    table: &toml::Table,
+    place: &[String],
+    sweep: &Expansion,
+    fixed: &dyn Fn(&str) -> Option<Value>,
+) -> Result<Vec<Test>, Issue> {
+    let test = |(name, spec): (&String, &toml::Value)| {
+        let place = at(place, &[name]);
+        if !sweep.axes.contains_key(name.as_str()) && fixed(name).is_none() {
+            let swept: Vec<&str> = sweep.axes.keys().map(|axis| &**axis).collect();
+            let near = crate::error::nearest(name, swept.iter().copied()).map(|n| format!("did you mean `{n}`? "));
+            let help = format!("{}swept here: {}", near.unwrap_or_default(), swept.join(", "));
+            return Err(issue(place, format!("a condition on `{name}`, which no job has"), help));
+        }
+        let allowed = match spec {
+            toml::Value::Table(range) => {
+                let end = |key: &str, open: f64| match range.get(key) {
+                    None => Some(open),
+                    Some(value) => Value::of(value)?.number(),
+                };
+                let known = !range.is_empty() && range.keys().all(|key| key == "from" || key == "to");
+                match (end("from", f64::NEG_INFINITY), end("to", f64::INFINITY)) {
+                    (Some(from), Some(to)) if known && from <= to => Allowed::Between(from, to),
+                    _ => {
+                        let help = "a range of a condition is { from = … }, { to = … } or both, ends included";
+                        return Err(issue(place, format!("found {spec}"), help));
+                    }
                 }
             }
-            _ => Err(Issue::new(
-                &["sweep", "sample", name],
-                "nothing to draw from",
-                "a sampled parameter is a range { from = …, to = … } (scale = \"log\" if you like) or a list of values",
-            )),
-        }
+            toml::Value::Array(_) => Allowed::OneOf(values(name, spec, &place)?),
+            other => match Value::of(other) {
+                Some(value) => Allowed::OneOf(vec![value]),
+                None => {
+                    return Err(issue(place, format!("found {other}"), "a condition is a value, a list or a range"));
+                }
+            },
+        };
+        Ok(Test { name: name.clone(), allowed })
+    };
+    if table.is_empty() {
+        return Err(issue(
+            place.to_vec(),
+            "the condition is empty",
+            "name what it is about, such as bounds = \"both\"",
+        ));
     }
-
-    /// The value at a share from 0 to 1.
-    fn at(&self, share: f64) -> Value {
-        match self {
-            Draw::Linear(from, to) => Value::Number(from + share * (to - from)),
-            Draw::Log(from, to) => Value::Number((from.ln() + share * (to.ln() - from.ln())).exp()),
-            Draw::Choice(values) => values[((share * values.len() as f64) as usize).min(values.len() - 1)].clone(),
-        }
-    }
+    table.iter().map(test).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn expand_text(text: &str) -> Result<Vec<Assignment>, Issue> {
-        expand(&toml::from_str(text).unwrap())
+    fn expand_text(text: &str) -> Result<Vec<String>, String> {
+        let sweep: Sweep = toml::from_str(text).map_err(|e| e.message().to_owned())?;
+        let fixed = |name: &str| (name == "stages").then_some(Value::Integer(1));
+        let expansion =
+            expand(&sweep, &["sweep".to_owned()], &fixed).map_err(|i| format!("{:?} {}", i.path, i.message))?;
+        let text = |p: &Point| p.iter().map(|(n, v)| format!("{n}{v}")).collect::<Vec<_>>().join(" ");
+        Ok(expansion.points.iter().map(text).collect())
     }
 
     #[test]
     fn grid_times_zip_in_the_order_of_the_file() {
         let jobs = expand_text("[grid]\nb = [1, 2]\na = ['x', 'y']\n[zip]\nh = [0.2, 0.1]\ns = [5, 6]").unwrap();
         assert_eq!(jobs.len(), 8);
-        let text: Vec<String> =
-            jobs.iter().map(|j| j.iter().map(|(n, v)| format!("{n}{v}")).collect::<Vec<_>>().join(" ")).collect();
-        assert_eq!(text[0], "b1 ax h0.2 s5");
-        assert_eq!(text[1], "b1 ax h0.1 s6");
-        assert_eq!(text[2], "b1 ay h0.2 s5");
-        assert_eq!(text[7], "b2 ay h0.1 s6");
+        assert_eq!(jobs[0], "b1 ax h0.2 s5");
+        assert_eq!(jobs[1], "b1 ax h0.1 s6");
+        assert_eq!(jobs[2], "b1 ay h0.2 s5");
+        assert_eq!(jobs[7], "b2 ay h0.1 s6");
+    }
+
+    #[test]
+    fn groups_multiply_and_a_star_moves_one_at_a_time() {
+        let jobs = expand_text(
+            "[group.one.zip]\na = [1, 2]\nb = [3, 4]\n[group.two]\nlist = [{ c = 5 }, { d = 6 }]\n[star]\nx = [1]\ny = [2, 3]",
+        )
+        .unwrap();
+        assert_eq!(jobs.len(), 2 * 2 * 4);
+        assert_eq!(jobs[..5], ["a1 b3 c5", "a1 b3 c5 x1", "a1 b3 c5 y2", "a1 b3 c5 y3", "a1 b3 d6"]);
+    }
+
+    #[test]
+    fn conditions_keep_or_leave_out() {
+        let grid = "[grid]\na = [1, 2, 3]\nb = ['x', 'y']\n";
+        assert_eq!(expand_text(&format!("{grid}[[when]]\na = [1, 2.0]\nb = 'x'")).unwrap(), ["a1 bx", "a2 bx"]);
+        let jobs = expand_text(&format!("{grid}[[exclude]]\na = {{ from = 2 }}\n[[exclude]]\nb = 'y'")).unwrap();
+        assert_eq!(jobs, ["a1 bx"]);
+        assert_eq!(expand_text(&format!("{grid}[[when]]\nstages = 1\na = 3")).unwrap().len(), 2);
     }
 
     #[test]
     fn ranges_meet_their_ends() {
         let jobs = expand_text("[grid]\nmu = { from = 0.01, to = 1.0, count = 3, scale = 'log' }").unwrap();
-        let values: Vec<f64> = jobs.iter().map(|j| j[0].1.number().unwrap()).collect();
-        assert_eq!(values[0], 0.01);
-        assert!((values[1] - 0.1).abs() < 1e-15);
-        assert_eq!(values[2], 1.0);
-    }
-
-    #[test]
-    fn samples_are_seeded() {
-        let text = "[sample]\ncount = 3\nseed = 4\n'body.a.mass' = { from = 1.0, to = 2.0 }";
-        let (one, two) = (expand_text(text).unwrap(), expand_text(text).unwrap());
-        assert_eq!(one, two);
-        assert_eq!(one.len(), 3);
-        assert!(one.iter().all(|j| (1.0..2.0).contains(&j[1].1.number().unwrap())));
-        assert_ne!(one[0][1], one[1][1]);
-        let text = "[sample]\ncount = 60\nseed = 4\nmu = { from = 0.01, to = 1.0, scale = 'log' }\nb = ['x', 'y']";
-        let jobs = expand_text(text).unwrap();
-        let small = jobs.iter().filter(|j| j[1].1.number().unwrap() < 0.1).count();
-        let x = jobs.iter().filter(|j| j[2].1 == Value::Text("x".into())).count();
-        assert!((20..40).contains(&small) && (20..40).contains(&x), "{small} {x}");
+        assert_eq!((jobs[0].as_str(), jobs[2].as_str()), ("mu0.01", "mu1"));
+        assert!((jobs[1][2..].parse::<f64>().unwrap() - 0.1).abs() < 1e-15);
     }
 
     #[test]
@@ -293,16 +456,24 @@ mod tests {
         for (text, part) in [
             ("[grid]\nmu = []", "no value"),
             ("[grid]\nmu = 0.1", "single value"),
-            ("[gird]\nmu = [1]", "unknown kind"),
+            ("[gird]\nmu = [1]", "unknown field `gird`"),
             ("[zip]\na = [1]\nb = [1, 2]", "2 values"),
             ("[grid]\nmu = { from = 0.0, to = 1.0, count = 3, scale = 'log' }", "log range"),
             ("[grid]\nmu = { from = 0.0, to = 1.0 }", "count"),
-            ("[sample]\ncount = 3", "seed"),
-            ("[sample]\ncount = 3\nseed = 1\nmu = { from = 0.0, to = 1.0, scale = 'log' }", "scale"),
+            ("[sample]\ncount = 3", "missing field `seed`"),
+            ("[sample]\ncount = 3\nseed = 1\nmu = { from = 0.0, to = 1.0, scale = 'log' }", "log range"),
             ("[sample]\ncount = 3\nseed = 1\nmu = 0.1", "draw"),
+            ("[grid]\nmu = [1]\n[group.a.zip]\nmu = [1]", "swept twice"),
+            ("[grid]\na = { from = 1, to = 2, count = 2000 }\nb = { from = 1, to = 2, count = 2000 }", "4000000 jobs"),
+            ("[grid]\na = [1]\n[[exclude]]\na = 1", "leave no job"),
+            ("[grid]\nbounds = [1]\n[[when]]\nbound = 1", "which no job has"),
+            ("[grid]\na = [1]\n[[when]]\na = { form = 1 }", "found { form = 1 }"),
+            ("[[list]]\na = 1\n[[list]]\na = 1", "entries 0 and 1"),
+            ("[[list]]\na = [1]", "found [1]"),
+            ("[grid]\na = [1, 2, 1.0]", "1 is there twice"),
         ] {
-            let issue = expand_text(text).unwrap_err();
-            assert!(issue.message.contains(part), "{text}: {issue:?}");
+            let message = expand_text(text).unwrap_err();
+            assert!(message.contains(part), "{text}: {message}");
         }
     }
 }

@@ -5,7 +5,7 @@
 mod parquet;
 pub mod schema;
 
-pub use parquet::{read, write};
+pub use parquet::{Writer, read};
 
 /// A column's values; `None` is missing.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,45 +1,71 @@
 //! Tables to and from Parquet. The only file that knows polars.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use polars::prelude::{
-    Column, DataFrame, DataType, KeyValueMetadata, NamedFrom, ParquetCompression, ParquetReader, ParquetWriter,
-    SerReader, Series,
+    BatchedWriter, Column, DataFrame, DataType, KeyValueMetadata, NamedFrom, ParquetCompression, ParquetReader,
+    ParquetWriter, SerReader, Series,
 };
 
 use super::{Table, Values};
 use crate::error::{Error, Result};
 
-/// Writes a table as one Parquet file (zstd), with `metadata` as the file's key–value metadata. The file appears whole
-/// or not at all.
-pub fn write(table: &Table, path: &Path, metadata: &[(String, String)]) -> Result<()> {
-    let columns: Vec<Column> = table
-        .columns
-        .iter()
-        .map(|(name, values)| {
-            let name = name.as_str().into();
-            match values {
-                Values::Number(v) => {
-                    Series::new(name, v.iter().map(|x| x.filter(|x| x.is_finite())).collect::<Vec<_>>())
-                }
-                Values::Integer(v) => Series::new(name, v),
-                Values::Flag(v) => Series::new(name, v),
-                Values::Text(v) => Series::new(name, v),
-            }
-            .into()
-        })
-        .collect();
-    let mut frame = DataFrame::new_infer_height(columns).map_err(|e| Error::table("build", path, e))?;
-    let partial = path.with_extension("parquet.part");
-    let file = File::create(&partial).map_err(|e| Error::io("create", &partial, e))?;
-    ParquetWriter::new(&file)
-        .with_compression(ParquetCompression::Zstd(None))
-        .with_key_value_metadata(Some(KeyValueMetadata::from_static(metadata.to_vec())))
-        .finish(&mut frame)
-        .map_err(|e| Error::table("write", path, e))?;
-    file.sync_all().map_err(|e| Error::io("write", &partial, e))?;
-    std::fs::rename(&partial, path).map_err(|e| Error::io("write", path, e))
+/// A Parquet file (zstd) in the making, table after table of one kind; it appears whole or not at all.
+pub struct Writer {
+    path: PathBuf,
+    partial: PathBuf,
+    metadata: Vec<(String, String)>,
+    /// The file begins with the first table, which has the columns.
+    file: Option<(File, BatchedWriter<File>)>,
+    rows: usize,
+}
+
+impl Writer {
+    /// `metadata` become the file's key–value metadata.
+    pub fn new(path: &Path, metadata: Vec<(String, String)>) -> Self {
+        Self { path: path.to_owned(), partial: path.with_extension("parquet.part"), metadata, file: None, rows: 0 }
+    }
+
+    /// Adds the rows of a table.
+    pub fn append(&mut self, table: &Table) -> Result<()> {
+        let columns: Vec<Column> = table.columns.iter().map(|(name, values)| column(name, values)).collect();
+        let frame = DataFrame::new_infer_height(columns).map_err(|e| Error::table("build", &self.path, e))?;
+        if self.file.is_none() {
+            let file = File::create(&self.partial).map_err(|e| Error::io("create", &self.partial, e))?;
+            let handle = file.try_clone().map_err(|e| Error::io("create", &self.partial, e))?;
+            let writer = ParquetWriter::new(file)
+                .with_compression(ParquetCompression::Zstd(None))
+                .with_key_value_metadata(Some(KeyValueMetadata::from_static(self.metadata.clone())))
+                .batched(frame.schema())
+                .map_err(|e| Error::table("write", &self.path, e))?;
+            self.file = Some((handle, writer));
+        }
+        let (_, writer) = self.file.as_mut().expect("made above");
+        self.rows += table.rows();
+        writer.write_batch(&frame).map_err(|e| Error::table("write", &self.path, e))
+    }
+
+    /// Ends the file and puts it in its place. Returns its number of rows.
+    pub fn finish(self) -> Result<usize> {
+        if let Some((file, writer)) = self.file {
+            writer.finish().map_err(|e| Error::table("write", &self.path, e))?;
+            file.sync_all().map_err(|e| Error::io("write", &self.partial, e))?;
+            std::fs::rename(&self.partial, &self.path).map_err(|e| Error::io("write", &self.path, e))?;
+        }
+        Ok(self.rows)
+    }
+}
+
+fn column(name: &str, values: &Values) -> Column {
+    let name = name.into();
+    match values {
+        Values::Number(v) => Series::new(name, v.iter().map(|x| x.filter(|x| x.is_finite())).collect::<Vec<_>>()),
+        Values::Integer(v) => Series::new(name, v),
+        Values::Flag(v) => Series::new(name, v),
+        Values::Text(v) => Series::new(name, v),
+    }
+    .into()
 }
 
 /// Reads a table back.

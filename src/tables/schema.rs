@@ -1,29 +1,91 @@
 //! The columns of every table: the only list of them.
 
 use super::{Table, Values};
-use crate::outcome::{JobRow, MatrixRank, Outcome, RegularityRow};
-use crate::study::Job;
+use crate::outcome::{JobRow, MatrixRank, MuscleRow, Outcome, RegularityRow};
+use crate::study::file::{Measure, Ratio};
 use crate::study::settings::Value;
+use crate::study::{Job, Study};
 
 /// Version of names, types and meanings of the columns.
 pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
 
 /// Names of the tables, which are the file names without `.parquet`.
-pub const TABLES: [&str; 8] =
-    ["jobs", "regularity", "iterations", "muscles", "spectrum", "sensitivities", "optima", "trajectories"];
+pub const TABLES: [&str; 9] =
+    ["jobs", "regularity", "iterations", "muscles", "ratios", "spectrum", "sensitivities", "optima", "trajectories"];
 
-/// All tables of a study from its finished jobs, in the order of the study.
-pub fn tables(finished: &[(&Job, &Outcome)]) -> Vec<Table> {
-    vec![
-        jobs(finished),
-        regularity(finished),
-        iterations(finished),
-        muscles(finished),
-        spectrum(finished),
-        sensitivities(finished),
-        optima(finished),
-        trajectories(finished),
-    ]
+/// Tables that are left away where they have no row, since a study has to ask for them.
+pub const ON_REQUEST: [&str; 2] = ["ratios", "trajectories"];
+
+/// Columns of `jobs` before those of the axes, and the first after them.
+const BEFORE_AXES: [&str; 2] = ["job_id", "index"];
+const AFTER_AXES: &str = "status";
+
+/// Names of what a study swept, from its table of jobs.
+pub fn axes(jobs: &Table) -> Vec<String> {
+    let names = jobs.columns.iter().map(|(name, _)| name.clone());
+    names.filter(|name| !BEFORE_AXES.contains(&name.as_str())).take_while(|name| name != AFTER_AXES).collect()
+}
+
+/// Columns that tell the rows of one job apart.
+pub fn row_keys(table: &str) -> &'static [&'static str] {
+    match table {
+        "iterations" => &["iteration"],
+        "muscles" => &["muscle"],
+        "ratios" => &["ratio", "measure"],
+        "spectrum" => &["matrix", "index"],
+        "sensitivities" => &["muscle", "parameter"],
+        "trajectories" => &["time_s", "signal", "name"],
+        _ => &[], // one row a job; optima by their order
+    }
+}
+
+/// What the tables of a study depend on beside its outcomes.
+pub struct Columns<'s> {
+    axes: Vec<(&'s str, Kind)>,
+    ratios: &'s [Ratio],
+}
+
+/// Type of a swept column: that of all its values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Integer,
+    Number,
+    Flag,
+    Text,
+}
+
+impl<'s> Columns<'s> {
+    pub fn of(study: &'s Study) -> Self {
+        let kind = |axis: usize| {
+            let values = || study.jobs.iter().filter_map(move |job| job.swept[axis].as_ref());
+            if values().all(|v| matches!(v, Value::Integer(_))) {
+                Kind::Integer
+            } else if values().all(|v| v.number().is_some()) {
+                Kind::Number
+            } else if values().all(|v| matches!(v, Value::Flag(_))) {
+                Kind::Flag
+            } else {
+                Kind::Text
+            }
+        };
+        let axes = study.axes.iter().enumerate().map(|(i, name)| (name.as_str(), kind(i))).collect();
+        Self { axes, ratios: &study.ratios }
+    }
+
+    /// All tables for some finished jobs, in their order.
+    pub fn tables(&self, finished: &[(&Job, &Outcome)]) -> Vec<Table> {
+        vec![
+            self.jobs(finished),
+            regularity(finished),
+            iterations(finished),
+            muscles(finished),
+            ratios(finished, self.ratios),
+            spectrum(finished),
+            sensitivities(finished),
+            optima(finished),
+            trajectories(finished),
+        ]
+    }
 }
 
 /// Columns that are times taken: two runs of one study may differ in these only.
@@ -49,36 +111,45 @@ fn table(name: &'static str, columns: Vec<(&str, Values)>) -> Table {
     Table { name, columns: columns.into_iter().map(|(name, values)| (name.to_owned(), values)).collect() }
 }
 
-/// The type of a swept column is that of its values: numbers, whole numbers, flags or texts.
-fn swept(values: &[&Value]) -> Values {
-    if values.iter().all(|v| matches!(v, Value::Integer(_))) {
-        integers(values, |v| if let Value::Integer(i) = v { Some(*i) } else { None })
-    } else if values.iter().all(|v| v.number().is_some()) {
-        numbers(values, |v| v.number())
-    } else if values.iter().all(|v| matches!(v, Value::Flag(_))) {
-        flags(values, |v| if let Value::Flag(f) = v { Some(*f) } else { None })
-    } else {
-        texts(values, |v| Some(v.to_string()))
+impl Kind {
+    fn values(self, values: &[Option<&Value>]) -> Values {
+        match self {
+            Kind::Integer => integers(values, |v| match v {
+                Some(Value::Integer(i)) => Some(*i),
+                _ => None,
+            }),
+            Kind::Number => numbers(values, |v| v.and_then(Value::number)),
+            Kind::Flag => flags(values, |v| match v {
+                Some(Value::Flag(f)) => Some(*f),
+                _ => None,
+            }),
+            Kind::Text => texts(values, |v| v.map(ToString::to_string)),
+        }
     }
 }
 
-fn jobs(rows: &[(&Job, &Outcome)]) -> Table {
-    let mut jobs = table(
-        "jobs",
-        vec![
-            ("job_id", texts(rows, |(job, _)| Some(job.id.clone()))),
-            ("index", integers(rows, |(job, _)| Some(job.index as i64))),
-        ],
-    );
-    if let Some((first, _)) = rows.first() {
-        for (axis, (name, _)) in first.swept.iter().enumerate() {
-            let values: Vec<&Value> = rows.iter().map(|(job, _)| &job.swept[axis].1).collect();
-            jobs.columns.push((name.clone(), swept(&values)));
+impl Columns<'_> {
+    fn jobs(&self, rows: &[(&Job, &Outcome)]) -> Table {
+        let mut jobs = table(
+            "jobs",
+            vec![
+                ("job_id", texts(rows, |(job, _)| Some(job.id.clone()))),
+                ("index", integers(rows, |(job, _)| Some(job.index as i64))),
+            ],
+        );
+        for (axis, (name, kind)) in self.axes.iter().enumerate() {
+            let values: Vec<Option<&Value>> = rows.iter().map(|(job, _)| job.swept[axis].as_ref()).collect();
+            jobs.columns.push(((*name).to_owned(), kind.values(&values)));
         }
+        jobs.columns.extend(job_rows(rows).into_iter().map(|(name, values)| (name.to_owned(), values)));
+        jobs
     }
+}
+
+fn job_rows(rows: &[(&Job, &Outcome)]) -> Vec<(&'static str, Values)> {
     let number = |f: fn(&JobRow) -> Option<f64>| numbers(rows, |(_, o)| f(&o.job));
     let integer = |f: fn(&JobRow) -> Option<i64>| integers(rows, |(_, o)| f(&o.job));
-    let rest = vec![
+    vec![
         ("status", texts(rows, |(_, o)| Some(o.job.status.name().to_owned()))),
         ("error", texts(rows, |(_, o)| o.job.error.clone())),
         ("remark", texts(rows, |(_, o)| o.job.remark.clone())),
@@ -106,9 +177,7 @@ fn jobs(rows: &[(&Job, &Outcome)]) -> Table {
         ("solve_s", number(|j| j.solve_s)),
         ("rank_s", number(|j| j.rank_s)),
         ("wall_s", number(|j| j.wall_s)),
-    ];
-    jobs.columns.extend(rest.into_iter().map(|(name, values)| (name.to_owned(), values)));
-    jobs
+    ]
 }
 
 fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
@@ -193,6 +262,43 @@ fn muscles(finished: &[(&Job, &Outcome)]) -> Table {
             ("ringing", numbers(&rows, |(_, r)| Some(r.ringing))),
             ("direction_changes", numbers(&rows, |(_, r)| Some(r.direction_changes))),
             ("peak_fibre_velocity_per_s", numbers(&rows, |(_, r)| Some(r.peak_fibre_velocity_per_s))),
+        ],
+    )
+}
+
+/// The declared load ratios of each job that has muscles; null where the denominator is 0.
+fn ratios(finished: &[(&Job, &Outcome)], ratios: &[Ratio]) -> Table {
+    struct Row<'o> {
+        job: &'o str,
+        ratio: &'o str,
+        measure: Measure,
+        value: Option<f64>,
+    }
+    let mut rows = Vec::new();
+    for (job, outcome) in finished.iter().filter(|(_, outcome)| !outcome.muscles.is_empty()) {
+        for ratio in ratios {
+            for &measure in &ratio.measure.0 {
+                let total = |muscles: &[String]| {
+                    let of = |row: &MuscleRow| match measure {
+                        Measure::MeanForce => row.mean_force_n,
+                        Measure::PeakForce => row.peak_force_n,
+                        Measure::Impulse => row.impulse_n_s,
+                        Measure::Activation => row.mean_activation / muscles.len() as f64,
+                    };
+                    outcome.muscles.iter().filter(|row| muscles.contains(&row.muscle)).map(of).sum::<f64>()
+                };
+                let value = Some(total(&ratio.numerator.0) / total(&ratio.denominator.0)).filter(|v| v.is_finite());
+                rows.push(Row { job: &job.id, ratio: &ratio.name, measure, value });
+            }
+        }
+    }
+    table(
+        "ratios",
+        vec![
+            ("job_id", texts(&rows, |r| Some(r.job.to_owned()))),
+            ("ratio", texts(&rows, |r| Some(r.ratio.to_owned()))),
+            ("measure", texts(&rows, |r| Some(r.measure.name().to_owned()))),
+            ("value", numbers(&rows, |r| r.value)),
         ],
     )
 }

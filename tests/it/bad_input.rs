@@ -55,7 +55,12 @@ fn mistakes() -> Vec<Mistake> {
             "\"muscle.triceps.tendon_slack_length_scale\" = [-0.1",
             &["tendon_slack_length", "found -", "must be a positive number (m)"],
         ),
-        study("a repeated value", "[0.1, 0.2, 0.4]", "[0.1, 0.1]", &["sweep", "jobs 0 and 2 are the same"]),
+        study(
+            "a repeated value",
+            "[0.1, 0.2, 0.4]",
+            "[0.1, 0.1]",
+            &["study.toml:9", "sweep.grid.mu", "0.1 is there twice"],
+        ),
         study(
             "an unquoted path",
             "mu = [",

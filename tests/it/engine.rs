@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use sinew::outcome::{Outcome, Status};
-use sinew::run::{RunOptions, run, run_with};
+use sinew::run::{Ended, RunOptions, run, run_with};
 use sinew::solve::{solve, solve_from};
 use sinew::study::{Job, Study};
 use sinew::tables::{Table, Values, read, schema};
@@ -25,7 +25,7 @@ fn tables(out: &std::path::Path) -> Vec<Table> {
 }
 
 fn options(out: &std::path::Path, threads: usize) -> RunOptions {
-    RunOptions { out: out.to_owned(), threads: Some(threads), fresh: false }
+    RunOptions { out: out.to_owned(), threads: Some(threads), ..RunOptions::default() }
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn a_run_goes_on_where_it_was_cut_off() {
         solve_from(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points, before)
     };
     let report = run_with(&study, &options(&cut, 1), &stop, &count).unwrap();
-    assert!(report.interrupted && report.finished == 2);
+    assert_eq!((report.ended, report.finished), (Ended::Interrupted, 2));
     assert_eq!(read("jobs", &cut.join("jobs.parquet")).unwrap().rows(), 2);
 
     // The last line cut in half, as by a kill: that job runs again, the other is kept.
@@ -82,7 +82,7 @@ fn a_run_goes_on_where_it_was_cut_off() {
     let text = std::fs::read(&store).unwrap();
     std::fs::write(&store, &text[..text.len() - 100]).unwrap();
     let report = run(&study, &options(&cut, 2), &AtomicBool::new(false)).unwrap();
-    assert_eq!((report.kept, report.finished, report.interrupted), (1, 6, false));
+    assert_eq!((report.kept, report.finished, report.ended), (1, 6, Ended::Complete));
     assert_eq!(tables(&whole), tables(&cut));
 
     // Once more: nothing left to do.

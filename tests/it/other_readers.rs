@@ -20,7 +20,7 @@ assert all(math.isfinite(v) for v in jobs["objective"])
 muscles = pq.read_table(folder + "/muscles.parquet").to_pydict()
 assert len(muscles["muscle"]) == 30 and set(map(type, muscles["idle"])) == {bool}
 metadata = pq.read_metadata(folder + "/jobs.parquet").metadata
-assert metadata[b"sinew.schema_version"] == b"2" and b"mu" in metadata[b"sinew.units"], metadata
+assert metadata[b"sinew.schema_version"] == b"3" and b"mu" in metadata[b"sinew.units"], metadata
 column = pq.ParquetFile(folder + "/jobs.parquet").metadata.row_group(0).column(0)
 assert column.compression == "ZSTD", column.compression
 print("read back by pyarrow")
@@ -36,7 +36,8 @@ fn pyarrow_reads_the_tables() {
     let folder = folder(&[("study.toml", SMALL)]);
     let (_, study) = study(&folder);
     let out = folder.path().join("out");
-    run(&study, &RunOptions { out: out.clone(), threads: Some(2), fresh: false }, &AtomicBool::new(false)).unwrap();
+    run(&study, &RunOptions { out: out.clone(), threads: Some(2), ..RunOptions::default() }, &AtomicBool::new(false))
+        .unwrap();
     let output = Command::new("python3").args(["-c", SCRIPT]).arg(&out).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

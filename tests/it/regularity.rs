@@ -123,7 +123,7 @@ fn a_result_folder_says_whether_each_answer_is_unique() {
     let folder = super::support::folder(&[("study.toml", super::support::SMALL)]);
     let (_, study) = super::support::study(&folder);
     let out = folder.path().join("out");
-    run(&study, &RunOptions { out: out.clone(), threads: Some(1), fresh: false }, &false.into()).unwrap();
+    run(&study, &RunOptions { out: out.clone(), threads: Some(1), ..RunOptions::default() }, &false.into()).unwrap();
     let table = sinew::tables::read("regularity", &out.join("regularity.parquet")).unwrap();
     for row in 0..table.rows() {
         let none = |name| table.integer(name, row) == Some(0);

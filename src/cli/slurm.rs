@@ -1,0 +1,219 @@
+//! `sinew slurm`: a study as a Slurm job array. The plan is frozen in the results folder, each array element works on a shard of
+//! it, and a dependent job merges what is there. Truth is in the files: called again, only shards with something missing are
+//! submitted.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use super::{GOOD, print};
+use crate::error::{Error, Result};
+use crate::run::store::Store;
+use crate::run::{RunOptions, Shard, default_folder, freeze};
+use crate::study::Study;
+use crate::study::file::OnFailure;
+
+/// Slurm's own default of MaxArraySize.
+const USUAL_ARRAY: usize = 1001;
+const USUAL_SHARDS: usize = 16;
+/// Slurm's commands hang while a daemon is down.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Study file (.toml)
+    study: PathBuf,
+    /// Results folder, shared by all nodes [default: results/<name of the study>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Parts of the study, one array element each [default: as before, or 16]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    shards: Option<u32>,
+    /// Cores (and jobs at a time) of an element
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    cpus: u16,
+    /// Time limit of an element, as sbatch takes it
+    #[arg(long, value_name = "LIMIT")]
+    time: Option<String>,
+    /// Any other option for sbatch, such as --sbatch=--partition=long; may be repeated
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
+    sbatch: Vec<String>,
+    /// Submit, and not only write the scripts
+    #[arg(long)]
+    submit: bool,
+}
+
+pub fn slurm(arguments: &Arguments) -> Result<u8> {
+    let study = Study::load(&arguments.study)?;
+    let out = arguments.out.clone().unwrap_or_else(|| default_folder(&study));
+    let io = |action, path: &Path| {
+        let path = path.to_owned();
+        move |e| Error::io(action, &path, e)
+    };
+    std::fs::create_dir_all(out.join("slurm/log")).map_err(io("create", &out))?;
+    let out = out.canonicalize().map_err(io("find", &out))?;
+    let folder = out.join("slurm");
+    let shards = shards(arguments, &study, &folder);
+    freeze(
+        &study,
+        &RunOptions { out: out.clone(), shard: Some(Shard { index: 0, count: shards }), ..Default::default() },
+    )?;
+    let missing = missing(&study, &Store::read(&out, false)?, shards);
+
+    let sinew = std::env::current_exe().map_err(io("find", Path::new("sinew")))?;
+    let (array, merge) = (folder.join("array.sh"), folder.join("merge.sh"));
+    let write = |path: &Path, text: String| std::fs::write(path, text).map_err(io("write", path));
+    write(&array, array_script(arguments, &study, &out, &sinew, shards))?;
+    write(&merge, merge_script(arguments, &study, &out, &sinew))?;
+    write(&folder.join("shards"), format!("{shards}\n"))?;
+    print(&format!(
+        "{}: {} job(s) in {shards} shard(s), scripts in {}",
+        study.name,
+        study.jobs.len(),
+        folder.display()
+    ));
+    if missing.is_empty() {
+        print(&format!("nothing is missing: `sinew merge {}` makes the tables", out.display()));
+        return Ok(GOOD);
+    }
+    let elements = ranges(&missing);
+    if !arguments.submit {
+        print("to submit, add --submit, or:");
+        print(&format!("  job=$(sbatch --parsable --array={elements} {})", quoted(&array)));
+        print(&format!("  sbatch --dependency=afterany:$job {}", quoted(&merge)));
+        return Ok(GOOD);
+    }
+    let job = sbatch(&[&format!("--array={elements}")], &array)?;
+    // afterany: the merge says itself what is missing.
+    let after = sbatch(&[&format!("--dependency=afterany:{job}")], &merge)?;
+    print(&format!("submitted {} shard(s) ({elements}) as job {job}, the merge as job {after}", missing.len()));
+    print(&format!(
+        "`sinew status {}` tells how far they are; call this again to submit what is missing then",
+        out.display()
+    ));
+    Ok(GOOD)
+}
+
+/// As asked, or as before; no more than there is work for and than an array may have.
+fn shards(arguments: &Arguments, study: &Study, folder: &Path) -> usize {
+    let before = std::fs::read_to_string(folder.join("shards")).ok().and_then(|text| text.trim().parse().ok());
+    let wanted = arguments.shards.map(|n| n as usize).or(before).unwrap_or(USUAL_SHARDS);
+    let config = output(Command::new("scontrol").args(["show", "config"])).unwrap_or_default();
+    let line = config.lines().find_map(|line| line.trim().strip_prefix("MaxArraySize"));
+    let most = line.and_then(|line| line.split('=').nth(1)?.trim().parse().ok()).unwrap_or(USUAL_ARRAY);
+    let count = wanted.min(study.blocks().len()).min(most).max(1);
+    if count < wanted {
+        print(&format!(
+            "{count} shard(s) for {wanted}: there are {} pieces of work, an array has {most}",
+            study.blocks().len()
+        ));
+    }
+    count
+}
+
+/// Shards with a job that has no result.
+fn missing(study: &Study, store: &Store, shards: usize) -> BTreeSet<usize> {
+    let blocks = study.blocks();
+    let open = |(_, block): &(usize, &&[crate::study::Job])| block.iter().any(|job| store.get(&job.id).is_none());
+    blocks.iter().enumerate().filter(open).map(|(i, _)| i % shards).collect()
+}
+
+/// 0,2-5,7
+fn ranges(numbers: &BTreeSet<usize>) -> String {
+    let numbers: Vec<usize> = numbers.iter().copied().collect();
+    let runs = numbers.chunk_by(|a, b| a + 1 == *b).map(|run| match run {
+        [one] => one.to_string(),
+        _ => format!("{}-{}", run[0], run[run.len() - 1]),
+    });
+    runs.collect::<Vec<_>>().join(",")
+}
+
+/// A path as one word of a shell.
+fn quoted(path: &Path) -> String {
+    format!("'{}'", path.display().to_string().replace('\'', r"'\''"))
+}
+
+fn directives(arguments: &Arguments, study: &Study, out: &Path, part: &str, log: &str) -> String {
+    let mut lines = vec![
+        "#!/usr/bin/env bash".to_owned(),
+        "# Written by `sinew slurm`.".to_owned(),
+        format!("#SBATCH --job-name=sinew-{part}-{}", study.name),
+        format!("#SBATCH --output=\"{}/slurm/log/{log}\"", out.display()),
+        "#SBATCH --open-mode=append".to_owned(),
+        // After the loss of a node Slurm starts the element again, and it goes on with what is missing.
+        "#SBATCH --requeue".to_owned(),
+    ];
+    lines.extend(arguments.sbatch.iter().map(|option| format!("#SBATCH {option}")));
+    lines.join("\n")
+}
+
+fn array_script(arguments: &Arguments, study: &Study, out: &Path, sinew: &Path, shards: usize) -> String {
+    let time = arguments.time.as_ref().map_or(String::new(), |limit| format!("#SBATCH --time={limit}\n"));
+    format!(
+        "{}\n#SBATCH --cpus-per-task={cpus}\n{time}\
+         # Code 1 means that some jobs did not converge: a result, no failure of this element.\n\
+         {} run {} --out {} --jobs {cpus} --shard \"$SLURM_ARRAY_TASK_ID/{shards}\" || [ $? -eq 1 ]\n",
+        directives(arguments, study, out, "shard", "shard-%a.log"),
+        quoted(sinew),
+        quoted(&out.join("manifest.json")),
+        quoted(out),
+        cpus = arguments.cpus,
+    )
+}
+
+fn merge_script(arguments: &Arguments, study: &Study, out: &Path, sinew: &Path) -> String {
+    let (sinew, manifest, out_word) = (quoted(sinew), quoted(&out.join("manifest.json")), quoted(out));
+    let mut text = directives(arguments, study, out, "merge", "merge.log");
+    text.push_str(&format!("\n{sinew} merge {out_word}\n"));
+    if study.on_failure == OnFailure::Retry {
+        text.push_str(&format!(
+            "# Failed jobs again by continuation, when all others are there.\n\
+             {sinew} status {out_word} | head -n 1 | grep -q ', 0 to do$' && {sinew} run {manifest} --out {out_word}\n"
+        ));
+    }
+    text
+}
+
+fn sbatch(options: &[&str], script: &Path) -> Result<String> {
+    let mut command = Command::new("sbatch");
+    command.arg("--parsable").args(options).arg(script);
+    let id = output(&mut command).map_err(|reason| Error::table("submit", script, reason))?;
+    // With several clusters it is `id;cluster`.
+    Ok(id.trim().split(';').next().unwrap_or_default().to_owned())
+}
+
+/// What a command of Slurm prints, within [`PATIENCE`].
+fn output(command: &mut Command) -> std::result::Result<String, String> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    let mut child = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|e| format!("`{name}` cannot be run ({e}); is this a machine of a Slurm cluster?"))?;
+    let begun = Instant::now();
+    while child.try_wait().map_err(|e| e.to_string())?.is_none() {
+        if begun.elapsed() > PATIENCE {
+            let _ = child.kill();
+            return Err(format!("`{name}` does not answer; are Slurm's daemons up? (`scontrol ping`)"));
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let output = child.wait_with_output().map_err(|e| e.to_string())?;
+    match output.status.success() {
+        true => Ok(String::from_utf8_lossy(&output.stdout).into_owned()),
+        false => Err(format!("`{name}` said: {}", String::from_utf8_lossy(&output.stderr).trim())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_are_written_as_ranges() {
+        assert_eq!(ranges(&[0, 2, 3, 4, 7].into()), "0,2-4,7");
+        assert_eq!(quoted(Path::new("/a b/it's")), r"'/a b/it'\''s'");
+    }
+}

@@ -1,0 +1,95 @@
+//! `sinew status`: how far a results folder is, from the plan and the finished jobs, while a run is at work or after it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::SystemTime;
+
+use super::{FAILED_JOBS, GOOD, print};
+use crate::error::{Error, Result};
+use crate::outcome::Status;
+use crate::run::manifest::{Manifest, PlannedJob};
+use crate::run::store::Store;
+
+/// Failed and missing jobs named.
+const NAMED: usize = 10;
+/// The rate is that of the last minute, ms.
+const RECENT: u64 = 60_000;
+
+pub fn status(dir: &Path) -> Result<u8> {
+    let Some(manifest) = Manifest::read(dir)? else {
+        let reason = "there is no manifest.json in it, so it is no results folder; `sinew run STUDY` makes one";
+        return Err(Error::table("show the status of", dir, reason));
+    };
+    let mut store = Store::read(dir, false)?;
+    let mut counts: BTreeMap<Status, usize> = BTreeMap::new();
+    let (mut failed, mut missing, mut times): (Vec<&PlannedJob>, Vec<&PlannedJob>, Vec<u64>) = Default::default();
+    for job in &manifest.jobs {
+        match store.get(&job.job_id) {
+            None => missing.push(job),
+            Some(header) => {
+                *counts.entry(header.status).or_default() += 1;
+                times.push(header.time_ms);
+                if header.status != Status::Converged {
+                    failed.push(job);
+                }
+            }
+        }
+    }
+    let total = manifest.jobs.len();
+    let done: Vec<String> = counts.iter().map(|(status, count)| format!("{count} {}", status.name())).collect();
+    let done = if done.is_empty() { String::new() } else { format!(" ({})", done.join(", ")) };
+    print(&format!(
+        "{}: {} of {total} job(s) finished{done}, {} to do",
+        manifest.study.name,
+        times.len(),
+        missing.len()
+    ));
+    if store.damaged > 0 {
+        print(&format!("{} damaged line(s): those jobs run again", store.damaged));
+    }
+    times.sort_unstable();
+    if let Some(&last) = times.last() {
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64);
+        print(&format!("the last one finished {:.0} s ago", now.saturating_sub(last) as f64 / 1e3));
+    }
+    if Store::at_work(dir) {
+        let recent: Vec<u64> = times.iter().copied().filter(|t| t + RECENT >= times[times.len() - 1]).collect();
+        let span = recent.last().zip(recent.first()).map_or(0, |(last, first)| last - first) as f64 / 1e3;
+        let eta = match recent.len() {
+            n if n > 1 && span > 0.0 => {
+                let rate = (n - 1) as f64 / span;
+                format!(
+                    ": {rate:.2} jobs a second in the last minute, about {:.0} s to go",
+                    missing.len() as f64 / rate
+                )
+            }
+            _ => String::new(),
+        };
+        print(&format!("a run is at work here{eta}"));
+    } else if !missing.is_empty() {
+        print(
+            "no run is at work here (on this machine): `sinew run` goes on, `sinew merge` makes tables of what is there",
+        );
+    }
+    for job in failed.iter().take(NAMED) {
+        let outcome = store.outcome(&job.job_id)?;
+        let (status, error) = outcome.map_or((Status::Invalid, None), |o| (o.job.status, o.job.error));
+        let swept = swept(&manifest, job);
+        print(&format!("job {}{swept}: {}: {}", job.index, status.name(), error.unwrap_or_default()));
+    }
+    if failed.len() > NAMED {
+        print(&format!("… and {} more failed job(s): see jobs.parquet", failed.len() - NAMED));
+    }
+    if !missing.is_empty() && !times.is_empty() {
+        let named: Vec<String> = missing.iter().take(NAMED).map(|job| job.index.to_string()).collect();
+        let more = if missing.len() > NAMED { ", …" } else { "" };
+        print(&format!("to do: job(s) {}{more}", named.join(", ")));
+    }
+    Ok(if missing.is_empty() && failed.is_empty() { GOOD } else { FAILED_JOBS })
+}
+
+fn swept(manifest: &Manifest, job: &PlannedJob) -> String {
+    let values = manifest.axes.iter().zip(&job.swept);
+    let text: Vec<String> = values.filter_map(|(name, value)| Some(format!("{name} = {}", value.as_ref()?))).collect();
+    if text.is_empty() { String::new() } else { format!(" ({})", text.join(", ")) }
+}

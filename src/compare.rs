@@ -1,0 +1,498 @@
+//! Results against a baseline, job by job: from the tables alone.
+//!
+//! Jobs are matched by their id, which is the hash of everything that decides them. Each column has a tolerance: exact for
+//! ranks, statuses and other counts and texts; relative and absolute for numbers; none for times.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result, SourceFile};
+use crate::run::manifest::Manifest;
+use crate::tables::{self, Table, Values, schema};
+
+/// Tables that a new baseline gets: small, and enough to see drift.
+const ACCEPTED: [&str; 4] = ["jobs", "regularity", "muscles", "ratios"];
+
+/// Beside a baseline: tolerances of its own, by column or `table.column`.
+const TOLERANCES: &str = "tolerances.toml";
+
+/// How far a value may be from its baseline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tolerance {
+    Exact,
+    Ignored,
+    /// |now − then| ≤ absolute + relative · |then|
+    Within {
+        relative: f64,
+        absolute: f64,
+    },
+}
+
+const fn within(relative: f64, absolute: f64) -> Tolerance {
+    Tolerance::Within { relative, absolute }
+}
+
+impl Tolerance {
+    /// Of a column that nobody has said anything about.
+    fn usual(column: &str, values: &Values) -> Self {
+        match column {
+            "index" | "error" | "remark" => Tolerance::Ignored,
+            _ if schema::TIMINGS.contains(&column) => Tolerance::Ignored,
+            // Work may differ a little between machines; a solver that got slow is seen.
+            "iterations" | "qp_iterations" => within(0.25, 2.0),
+            // Residuals below the target are as good as 0.
+            "stationarity" | "feasibility" | "complementarity" | "max_constraint_velocity" => within(0.0, 1e-8),
+            "mid_interval_error" | "ringing" | "direction_changes" | "peak_fibre_velocity_per_s" => within(1e-3, 1e-6),
+            "mean_activation_low" | "mean_activation_high" => within(1e-3, 1e-5),
+            "mean_force_slope" | "elasticity" => within(1e-3, 1e-6),
+            _ if !matches!(values, Values::Number(_)) => Tolerance::Exact,
+            _ if column.starts_with("sigma_") || column.starts_with("tolerance_") => within(1e-3, 1e-9),
+            _ => within(1e-6, 1e-9),
+        }
+    }
+
+    /// `exact`, `ignore`, or a relative tolerance.
+    ///
+    /// # Errors
+    /// What else was found.
+    pub fn parse(text: &str) -> std::result::Result<Self, String> {
+        match text {
+            "exact" => Ok(Tolerance::Exact),
+            "ignore" => Ok(Tolerance::Ignored),
+            _ => match text.parse::<f64>() {
+                Ok(relative) if relative >= 0.0 && relative.is_finite() => Ok(within(relative, 0.0)),
+                _ => Err(format!("`{text}` is no tolerance; it is a relative one such as 1e-4, exact, or ignore")),
+            },
+        }
+    }
+}
+
+impl std::fmt::Display for Tolerance {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Tolerance::Exact => f.write_str("exact"),
+            Tolerance::Ignored => f.write_str("ignored"),
+            Tolerance::Within { relative, absolute } => write!(f, "± {absolute:e} + {relative:e} relative"),
+        }
+    }
+}
+
+/// Tolerances by column, or by `table.column`.
+#[derive(Clone, Debug, Default)]
+pub struct Tolerances(BTreeMap<String, Tolerance>);
+
+/// As written in `tolerances.toml`.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Written {
+    Relative(f64),
+    Word(String),
+    Both {
+        #[serde(default)]
+        relative: f64,
+        #[serde(default)]
+        absolute: f64,
+    },
+}
+
+impl Tolerances {
+    /// Those beside a baseline, if there are any, then those of the command line.
+    pub fn read(baseline: &Path, given: &[(String, Tolerance)]) -> Result<Self> {
+        let path = baseline.join(TOLERANCES);
+        let mut tolerances = Self::default();
+        if path.exists() {
+            let file = SourceFile::read(&path)?;
+            let help =
+                "a tolerance is a relative one such as 1e-4, \"exact\", \"ignore\", or { relative = …, absolute = … }";
+            let table: toml::Table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
+            for (column, value) in table {
+                let place = [column.clone()];
+                let wrong = || {
+                    let message = format!("{column}: found {value}");
+                    file.error(file.toml_span(&place), message, "here", Some(help.to_owned()))
+                };
+                let tolerance = match value.clone().try_into::<Written>().map_err(|_| wrong())? {
+                    Written::Relative(relative) => within(relative, 0.0),
+                    Written::Word(word) => Tolerance::parse(&word).map_err(|_| wrong())?,
+                    Written::Both { relative, absolute } => within(relative, absolute),
+                };
+                tolerances.0.insert(column, tolerance);
+            }
+        }
+        tolerances.0.extend(given.iter().cloned());
+        Ok(tolerances)
+    }
+
+    fn of(&self, table: &str, column: &str, values: &Values) -> Tolerance {
+        let own = self.0.get(&format!("{table}.{column}")).or_else(|| self.0.get(column));
+        own.copied().unwrap_or_else(|| Tolerance::usual(column, values))
+    }
+}
+
+/// A job as people see it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JobName {
+    pub job_id: String,
+    pub index: i64,
+    /// Its swept values.
+    pub swept: BTreeMap<String, String>,
+}
+
+impl std::fmt::Display for JobName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let swept: Vec<String> = self.swept.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        let swept = if swept.is_empty() { self.job_id.clone() } else { swept.join(", ") };
+        write!(f, "job {} ({swept})", self.index)
+    }
+}
+
+/// A value that is not what it was.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Change {
+    pub table: String,
+    /// The row of the job, such as a muscle; empty where a job has one row.
+    pub row: String,
+    pub column: String,
+    pub baseline: Option<String>,
+    pub found: Option<String>,
+    pub tolerance: String,
+}
+
+impl std::fmt::Display for Change {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let row = if self.row.is_empty() { String::new() } else { format!("[{}]", self.row) };
+        let shown = |value: &Option<String>| value.clone().unwrap_or_else(|| "null".to_owned());
+        let (then, now) = (shown(&self.baseline), shown(&self.found));
+        write!(f, "{}{row}.{}: {then} → {now} ({})", self.table, self.column, self.tolerance)
+    }
+}
+
+/// What became of a job.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "class", rename_all = "snake_case")]
+pub enum Verdict {
+    Unchanged,
+    Changed {
+        cells: Vec<Change>,
+    },
+    /// Not in the baseline.
+    New,
+    /// In the baseline only.
+    Missing,
+    /// Converged in the baseline.
+    NewlyFailed {
+        status: String,
+        error: Option<String>,
+    },
+}
+
+/// All jobs of both sides: the baseline's in their order, then new ones.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    pub jobs: Vec<(JobName, Verdict)>,
+    /// What does not decide, but should be known.
+    pub warnings: Vec<String>,
+}
+
+impl Comparison {
+    /// Jobs of each class, and changed cells.
+    pub fn counts(&self) -> BTreeMap<&'static str, usize> {
+        let mut counts: BTreeMap<&'static str, usize> =
+            ["unchanged", "changed", "new", "missing", "newly_failed", "changed_cells"].map(|class| (class, 0)).into();
+        for (_, verdict) in &self.jobs {
+            let class = match verdict {
+                Verdict::Unchanged => "unchanged",
+                Verdict::Changed { cells } => {
+                    *counts.entry("changed_cells").or_default() += cells.len();
+                    "changed"
+                }
+                Verdict::New => "new",
+                Verdict::Missing => "missing",
+                Verdict::NewlyFailed { .. } => "newly_failed",
+            };
+            *counts.entry(class).or_default() += 1;
+        }
+        counts
+    }
+
+    /// Whether anything is not as in the baseline.
+    pub fn drifted(&self) -> bool {
+        self.jobs.iter().any(|(_, verdict)| *verdict != Verdict::Unchanged)
+    }
+
+    /// For programs.
+    pub fn json(&self) -> serde_json::Value {
+        let jobs: Vec<serde_json::Value> = (self.jobs.iter())
+            .filter(|(_, verdict)| *verdict != Verdict::Unchanged)
+            .map(|(name, verdict)| {
+                let mut job = serde_json::to_value(name).expect("plain data");
+                let verdict = serde_json::to_value(verdict).expect("plain data");
+                if let (Some(job), serde_json::Value::Object(verdict)) = (job.as_object_mut(), verdict) {
+                    job.extend(verdict);
+                }
+                job
+            })
+            .collect();
+        serde_json::json!({ "drift": self.drifted(), "counts": self.counts(), "jobs": jobs, "warnings": self.warnings })
+    }
+
+    /// For a service that shows tests: each job is one.
+    pub fn junit(&self, suite: &str) -> Result<String> {
+        use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
+        let mut tests = TestSuite::new(suite);
+        for (name, verdict) in &self.jobs {
+            let status = match verdict_text(verdict) {
+                None => TestCaseStatus::success(),
+                Some((message, lines)) => {
+                    let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
+                    status.set_message(message).set_description(lines.join("\n"));
+                    status
+                }
+            };
+            let mut case = TestCase::new(name.to_string(), status);
+            case.set_classname(suite);
+            tests.add_test_case(case);
+        }
+        let mut report = Report::new("sinew compare");
+        report.add_test_suite(tests);
+        report.to_string().map_err(|e| Error::table("write JUnit XML for", Path::new(suite), e))
+    }
+}
+
+/// A headline, and a line for each difference; `None` where there is none.
+pub fn verdict_text(verdict: &Verdict) -> Option<(String, Vec<String>)> {
+    Some(match verdict {
+        Verdict::Unchanged => return None,
+        Verdict::Changed { cells } => {
+            (format!("changed in {} value(s)", cells.len()), cells.iter().map(ToString::to_string).collect())
+        }
+        Verdict::New => ("new: not in the baseline".to_owned(), Vec::new()),
+        Verdict::Missing => ("missing: in the baseline only".to_owned(), Vec::new()),
+        Verdict::NewlyFailed { status, error } => (format!("newly failed: {status}"), error.iter().cloned().collect()),
+    })
+}
+
+/// A folder's tables that both sides have.
+struct Side {
+    tables: BTreeMap<&'static str, Table>,
+}
+
+impl Side {
+    fn read(folder: &Path, names: &[&'static str]) -> Result<Self> {
+        let table = |name: &&'static str| Ok((*name, tables::read(name, &folder.join(format!("{name}.parquet")))?));
+        Ok(Self { tables: names.iter().map(table).collect::<Result<_>>()? })
+    }
+
+    fn jobs(&self) -> &Table {
+        &self.tables["jobs"]
+    }
+
+    fn name(&self, row: usize) -> JobName {
+        let jobs = self.jobs();
+        let axes = schema::axes(jobs);
+        JobName {
+            job_id: jobs.text("job_id", row).unwrap_or_default().to_owned(),
+            index: jobs.integer("index", row).unwrap_or(-1),
+            swept: axes.into_iter().filter_map(|axis| Some((axis.clone(), jobs.display(&axis, row)?))).collect(),
+        }
+    }
+}
+
+/// Compares the tables of a results folder with those of a baseline, of which it may have a part.
+///
+/// # Errors
+/// If either holds no `jobs.parquet`, or a table cannot be read.
+pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Result<Comparison> {
+    let there = |folder: &Path, name: &str| folder.join(format!("{name}.parquet")).exists();
+    for side in [folder, baseline] {
+        if !there(side, "jobs") {
+            let reason = "there is no jobs.parquet in it; a results folder and a baseline (a copy of one, or made by \
+                          --accept) are compared";
+            return Err(Error::table("compare", side, reason));
+        }
+    }
+    let mut warnings = warnings(folder, baseline);
+    let names: Vec<&'static str> = schema::TABLES.into_iter().filter(|name| there(baseline, name)).collect();
+    if let Some(gone) = names.iter().find(|name| !there(folder, name)) {
+        return Err(Error::table("compare", folder, format!("there is no {gone}.parquet in it, but in the baseline")));
+    }
+    let (now, then) = (Side::read(folder, &names)?, Side::read(baseline, &names)?);
+    let mut cells = changes(&now, &then, tolerances, &mut warnings);
+
+    let place = |side: &Side| -> HashMap<String, usize> {
+        (0..side.jobs().rows()).filter_map(|row| Some((side.jobs().text("job_id", row)?.to_owned(), row))).collect()
+    };
+    let (now_at, then_at) = (place(&now), place(&then));
+    let mut jobs = Vec::new();
+    for row in 0..then.jobs().rows() {
+        let name = then.name(row);
+        let verdict = match now_at.get(&name.job_id) {
+            None => Verdict::Missing,
+            Some(&at) => {
+                let status = |side: &Side, row| side.jobs().text("status", row).unwrap_or_default().to_owned();
+                let (was, is) = (status(&then, row), status(&now, at));
+                if was == "converged" && is != "converged" {
+                    Verdict::NewlyFailed { status: is, error: now.jobs().text("error", at).map(str::to_owned) }
+                } else {
+                    match cells.remove(&name.job_id) {
+                        None => Verdict::Unchanged,
+                        Some(cells) => Verdict::Changed { cells },
+                    }
+                }
+            }
+        };
+        jobs.push((name, verdict));
+    }
+    for row in 0..now.jobs().rows() {
+        let name = now.name(row);
+        if !then_at.contains_key(&name.job_id) {
+            jobs.push((name, Verdict::New));
+        }
+    }
+    if !jobs.is_empty() && jobs.iter().all(|(_, verdict)| matches!(verdict, Verdict::New | Verdict::Missing)) {
+        warnings.push(
+            "no job is on both sides: the study, its model or motion, or the version of the results has changed"
+                .to_owned(),
+        );
+    }
+    Ok(Comparison { jobs, warnings })
+}
+
+fn warnings(folder: &Path, baseline: &Path) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let mut solvers = Vec::new();
+    for side in [folder, baseline] {
+        match Manifest::read(side) {
+            Ok(Some(manifest)) => {
+                for name in manifest.altered(side) {
+                    let path = side.join(name);
+                    warnings.push(format!("{} is not the file that its manifest speaks of", path.display()));
+                }
+                solvers.push(manifest.sinew.solver);
+            }
+            Ok(None) => {}
+            Err(error) => warnings.push(error.to_string()),
+        }
+    }
+    if let [now, then] = &solvers[..]
+        && now != then
+    {
+        warnings.push(format!("the baseline was made with solver {then}, these results with {now}"));
+    }
+    warnings
+}
+
+/// Changed cells by job, for jobs on both sides.
+fn changes(
+    now: &Side,
+    then: &Side,
+    tolerances: &Tolerances,
+    warnings: &mut Vec<String>,
+) -> HashMap<String, Vec<Change>> {
+    let mut found: HashMap<String, Vec<Change>> = HashMap::new();
+    let ids = |side: &Side| -> std::collections::HashSet<String> {
+        (0..side.jobs().rows()).filter_map(|row| side.jobs().text("job_id", row).map(str::to_owned)).collect()
+    };
+    let (now_ids, then_ids) = (ids(now), ids(then));
+    for (name, old) in &then.tables {
+        let new = &now.tables[name];
+        let mut columns: Vec<(&str, Tolerance)> = Vec::new();
+        for (column, values) in old.columns.iter().filter(|(column, _)| column != "job_id") {
+            let tolerance = tolerances.of(name, column, values);
+            match new.column(column) {
+                _ if tolerance == Tolerance::Ignored => {}
+                Some(_) => columns.push((column, tolerance)),
+                None => warnings.push(format!("{name} has no column `{column}` any more")),
+            }
+        }
+        let keys = schema::row_keys(name);
+        let (old_rows, new_rows) = (rows(old, keys), rows(new, keys));
+        let mut report = |key: &(String, String), column: &str, then, now, tolerance: String| {
+            if now_ids.contains(&key.0) && then_ids.contains(&key.0) {
+                let change = Change {
+                    table: (*name).to_owned(),
+                    row: key.1.clone(),
+                    column: column.to_owned(),
+                    baseline: then,
+                    found: now,
+                    tolerance,
+                };
+                found.entry(key.0.clone()).or_default().push(change);
+            }
+        };
+        let mut order: Vec<(&(String, String), &usize)> = old_rows.iter().collect();
+        order.sort_by_key(|(_, row)| **row);
+        for (key, &row) in order {
+            let Some(&at) = new_rows.get(key) else {
+                report(key, "(row)", Some("there".to_owned()), None, "exact".to_owned());
+                continue;
+            };
+            for &(column, tolerance) in &columns {
+                if !agrees(old, row, new, at, column, tolerance) {
+                    report(key, column, old.display(column, row), new.display(column, at), tolerance.to_string());
+                }
+            }
+        }
+        let mut added: Vec<(&(String, String), &usize)> =
+            new_rows.iter().filter(|(key, _)| !old_rows.contains_key(*key)).collect();
+        added.sort_by_key(|(_, row)| **row);
+        added.into_iter().for_each(|(key, _)| report(key, "(row)", None, Some("there".to_owned()), "exact".to_owned()));
+    }
+    found
+}
+
+/// Rows by job and by what tells a job's rows apart; by their number where nothing else does.
+fn rows(table: &Table, keys: &[&str]) -> HashMap<(String, String), usize> {
+    let mut found = HashMap::new();
+    for row in 0..table.rows() {
+        let job = table.text("job_id", row).unwrap_or_default().to_owned();
+        let key: Vec<String> = keys.iter().map(|key| table.display(key, row).unwrap_or_default()).collect();
+        let key = key.join(", ");
+        let mut number = 1;
+        let mut unique = (job.clone(), key.clone());
+        while found.contains_key(&unique) {
+            number += 1;
+            unique = (job.clone(), format!("{key} #{number}"));
+        }
+        found.insert(unique, row);
+    }
+    found
+}
+
+fn agrees(old: &Table, row: usize, new: &Table, at: usize, column: &str, tolerance: Tolerance) -> bool {
+    let exact = || old.display(column, row) == new.display(column, at);
+    let Tolerance::Within { relative, absolute } = tolerance else { return exact() };
+    match (old.number(column, row), new.number(column, at)) {
+        (Some(then), Some(now)) => (now - then).abs() <= absolute + relative * then.abs(),
+        _ => exact(),
+    }
+}
+
+/// Makes the tables of a results folder the baseline: those that it has, or the usual ones if it is new.
+///
+/// # Errors
+/// If a file cannot be copied.
+pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
+    std::fs::create_dir_all(baseline).map_err(|e| Error::io("create", baseline, e))?;
+    let file = |name: &str| format!("{name}.parquet");
+    let has_own = baseline.join(file("jobs")).exists();
+    let wanted = |name: &&&str| {
+        let here = folder.join(file(name)).exists();
+        here && if has_own { baseline.join(file(name)).exists() } else { ACCEPTED.contains(*name) }
+    };
+    let names: Vec<String> = schema::TABLES.iter().filter(wanted).map(|name| file(name)).collect();
+    for name in &names {
+        let (from, to) = (folder.join(name), baseline.join(name));
+        let partial = baseline.join(format!("{name}.part"));
+        std::fs::copy(&from, &partial)
+            .and_then(|_| std::fs::rename(&partial, &to))
+            .map_err(|e| Error::io("copy to", &to, e))?;
+    }
+    if let Some(mut manifest) = Manifest::read(folder)? {
+        manifest.files.retain(|name, _| names.contains(name));
+        manifest.write(baseline)?;
+    }
+    Ok(names)
+}

@@ -1,0 +1,104 @@
+//! From finished jobs on disk to tables: after a run, and when shards are merged. In parts, so that memory does not grow with
+//! the study.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::manifest::{self, Manifest, file_hash};
+use super::store::Store;
+use crate::error::{Error, Result};
+use crate::outcome::{Outcome, Status};
+use crate::study::{Job, Study};
+use crate::tables::Writer;
+use crate::tables::schema::{self, Columns, ON_REQUEST, TABLES};
+
+/// Jobs held in memory at a time: a row group of each table.
+const PART: usize = 4096;
+
+/// What a folder holds of its study.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Collected {
+    pub jobs: usize,
+    /// Finished jobs by status.
+    pub counts: BTreeMap<Status, usize>,
+}
+
+impl Collected {
+    pub fn finished(&self) -> usize {
+        self.counts.values().sum()
+    }
+
+    pub fn failed(&self) -> usize {
+        self.finished() - self.counts.get(&Status::Converged).copied().unwrap_or(0)
+    }
+
+    pub fn count(study: &Study, store: &Store) -> Self {
+        let mut counts = BTreeMap::new();
+        study.jobs.iter().filter_map(|job| store.get(&job.id)).for_each(|h| *counts.entry(h.status).or_default() += 1);
+        Self { jobs: study.jobs.len(), counts }
+    }
+}
+
+/// Writes all tables and the manifest from what is finished, in the order of the study.
+pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<Collected> {
+    let columns = Columns::of(study);
+    let file = |name: &str| folder.join(format!("{name}.parquet"));
+    let metadata = |table: &crate::tables::Table| {
+        let units = table.columns.iter().map(|(name, _)| (name.clone(), schema::unit(name).into()));
+        let units = serde_json::Value::Object(units.collect());
+        let mut metadata = manifest::provenance(study);
+        metadata.push(("sinew.units".to_owned(), units.to_string()));
+        metadata
+    };
+    let empty = columns.tables(&[]);
+    let mut writers: Vec<Writer> = empty.iter().map(|table| Writer::new(&file(table.name), metadata(table))).collect();
+    let finished: Vec<&Job> = study.jobs.iter().filter(|job| store.get(&job.id).is_some()).collect();
+    let parts: Vec<&[&Job]> = if finished.is_empty() { vec![&[]] } else { finished.chunks(PART).collect() };
+    for part in parts {
+        let mut outcomes: Vec<(&Job, Outcome)> = Vec::with_capacity(part.len());
+        for job in part {
+            outcomes.extend(store.outcome(&job.id)?.map(|outcome| (*job, outcome)));
+        }
+        let rows: Vec<(&Job, &Outcome)> = outcomes.iter().map(|(job, outcome)| (*job, outcome)).collect();
+        for (table, writer) in columns.tables(&rows).iter().zip(&mut writers) {
+            writer.append(table)?;
+        }
+    }
+    let mut manifest = Manifest::of(study);
+    for (name, writer) in TABLES.iter().zip(writers) {
+        if writer.finish()? == 0 && ON_REQUEST.contains(name) {
+            let path = file(name);
+            std::fs::remove_file(&path).map_err(|e| Error::io("remove", &path, e))?;
+            continue;
+        }
+        manifest.files.insert(format!("{name}.parquet"), file_hash(&file(name))?);
+    }
+    let collected = Collected::count(study, store);
+    manifest.finished = collected.finished();
+    manifest.write(folder)?;
+    Ok(collected)
+}
+
+/// Makes the tables of a folder from all that its shards have finished. May be repeated at any time.
+///
+/// # Errors
+/// If the folder holds no plan, or its finished jobs cannot be read.
+pub fn merge(folder: &Path) -> Result<(Study, Collected)> {
+    let study = planned(folder)?;
+    let mut store = Store::read(folder, true)?;
+    if store.damaged > 0 {
+        eprintln!("note: {} damaged line(s) in {} passed over", store.damaged, folder.display());
+    }
+    let collected = write_tables(&study, &mut store, folder)?;
+    Ok((study, collected))
+}
+
+/// The study that a results folder was made for.
+pub fn planned(folder: &Path) -> Result<Study> {
+    if !folder.join(manifest::FILE).exists() {
+        let reason =
+            "there is no manifest.json in it, so it is no results folder; `sinew run STUDY --out DIR` makes one";
+        return Err(Error::table("open", folder, reason));
+    }
+    Study::load(folder)
+}

@@ -1,0 +1,146 @@
+//! Failed jobs again, by continuation: from the nearest solved job over to the failed one, in one step, two, or four.
+
+use std::collections::HashMap;
+
+use super::store::Store;
+use super::{Solver, contained};
+use crate::outcome::{Outcome, Status};
+use crate::study::change::ModelChange;
+use crate::study::settings::Value;
+use crate::study::{Job, Study};
+use crate::warm::Answer;
+
+/// Steps from a neighbour to the failed job, tried one after the other.
+const STEPS: [usize; 3] = [1, 2, 4];
+/// Neighbours tried, the nearest first.
+const NEIGHBOURS: usize = 2;
+
+/// Jobs that a continuation may help: failed, not tried again so far, and set up as a problem.
+pub fn candidates<'s>(study: &'s Study, store: &Store) -> Vec<&'s Job> {
+    let helped = |status| !matches!(status, Status::Converged | Status::Invalid | Status::Panicked);
+    let wants = |job: &&Job| store.get(&job.id).is_some_and(|h| helped(h.status) && !h.retried);
+    study.jobs.iter().filter(wants).collect()
+}
+
+/// What jobs may start from: those that were solved without help, so that the order of retries does not matter.
+pub fn solved<'s>(study: &'s Study, store: &Store) -> Vec<&'s Job> {
+    let is = |job: &&Job| store.get(&job.id).is_some_and(|h| h.status == Status::Converged && !h.retried);
+    study.jobs.iter().filter(is).collect()
+}
+
+/// The outcome of a failed job after all tries; its first one, with a word on the retry, if none helped.
+pub fn retry(study: &Study, job: &Job, first: Outcome, solved: &[&Job], solver: &Solver<'_>) -> Outcome {
+    let distance = Distance::of(study);
+    let mut near: Vec<&Job> = solved.to_vec();
+    near.sort_by(|a, b| {
+        let (a, b) = ((distance.between(a, job), a.index), (distance.between(b, job), b.index));
+        a.partial_cmp(&b).expect("distances are finite")
+    });
+    let mut tried = Vec::new();
+    for neighbour in near.into_iter().take(NEIGHBOURS) {
+        tried.push(neighbour.index.to_string());
+        for steps in STEPS {
+            if let Some(mut outcome) = march(study, neighbour, job, steps, solver) {
+                let remark = format!("solved by continuation from job {} in {steps} step(s)", neighbour.index);
+                outcome.job.remark = Some(match outcome.job.remark.take() {
+                    Some(own) => format!("{own}; {remark}"),
+                    None => remark,
+                });
+                outcome.job.warm_start_from = Some(neighbour.id.clone());
+                return outcome;
+            }
+        }
+    }
+    let mut outcome = first;
+    let word = match tried.is_empty() {
+        true => "no job is solved from which a continuation could start".to_owned(),
+        false => format!("continuation from job(s) {} did not help", tried.join(", ")),
+    };
+    outcome.job.error = Some(outcome.job.error.map_or(word.clone(), |error| format!("{error}; {word}")));
+    outcome
+}
+
+fn march(study: &Study, from: &Job, to: &Job, steps: usize, solver: &Solver<'_>) -> Option<Outcome> {
+    let mut answer: Option<Answer> = contained(study, from, None, solver).1;
+    for step in 1..steps {
+        let between = between(study, from, to, step as f64 / steps as f64);
+        answer = contained(study, &between, Some(&answer?), solver).1;
+    }
+    let (outcome, _) = contained(study, to, Some(&answer?), solver);
+    (outcome.job.status == Status::Converged).then_some(outcome)
+}
+
+/// The job `to` with its numbers moved back towards those of `from`; share 1 is `to` itself.
+fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
+    let mix = |a: f64, b: f64| match a > 0.0 && b > 0.0 {
+        true => (a.ln() + share * (b.ln() - a.ln())).exp(),
+        false => a + share * (b - a),
+    };
+    let mut job = to.clone();
+    job.settings.mu = mix(from.settings.mu, to.settings.mu);
+    let linear = |a: f64, b: f64| a + share * (b - a);
+    let unmoved = (0.0, 1.0);
+    let motion = |job: &Job, name: &str| {
+        job.settings.motion.iter().find(|(n, ..)| n == name).map_or(unmoved, |(_, offset, scale)| (*offset, *scale))
+    };
+    let mut names: Vec<&String> = [from, to].iter().flat_map(|j| j.settings.motion.iter().map(|(n, ..)| n)).collect();
+    names.sort();
+    names.dedup();
+    job.settings.motion = (names.into_iter())
+        .map(|name| {
+            let (a, b) = (motion(from, name), motion(to, name));
+            (name.clone(), linear(a.0, b.0), linear(a.1, b.1))
+        })
+        .collect();
+    let number = |job: &Job, path: &str| {
+        let set = job.changes.iter().find(|change| change.path == path).map(|change| change.value);
+        set.or_else(|| study.model_number(path)).or_else(|| path.ends_with("_scale").then_some(1.0))
+    };
+    let mut paths: Vec<(bool, &String)> =
+        [from, to].iter().flat_map(|j| j.changes.iter().map(|c| (c.is_factor(), &c.path))).collect();
+    paths.sort();
+    paths.dedup();
+    job.changes = (paths.into_iter())
+        .filter_map(|(_, path)| {
+            let value = linear(number(from, path)?, number(to, path)?);
+            Some(ModelChange { path: path.clone(), value })
+        })
+        .collect();
+    job
+}
+
+/// How far apart jobs are in what the study sweeps: numbers by their span, everything else 0 or 1.
+struct Distance {
+    /// (least, greatest) of each axis of numbers.
+    spans: HashMap<usize, (f64, f64)>,
+}
+
+impl Distance {
+    fn of(study: &Study) -> Self {
+        let mut spans: HashMap<usize, (f64, f64)> = HashMap::new();
+        for job in &study.jobs {
+            for (axis, value) in job.swept.iter().enumerate() {
+                if let Some(number) = value.as_ref().and_then(Value::number) {
+                    let span = spans.entry(axis).or_insert((number, number));
+                    *span = (span.0.min(number), span.1.max(number));
+                }
+            }
+        }
+        Self { spans }
+    }
+
+    fn between(&self, a: &Job, b: &Job) -> f64 {
+        let apart = |(axis, (a, b)): (usize, (&Option<Value>, &Option<Value>))| {
+            let number = |value: &Option<Value>| value.as_ref().and_then(Value::number);
+            match (number(a), number(b), self.spans.get(&axis)) {
+                (Some(a), Some(b), Some((least, greatest))) if greatest > least => {
+                    // On the logarithm where an axis spans decades.
+                    let scale = |x: f64| if *least > 0.0 && greatest / least >= 10.0 { x.ln() } else { x };
+                    ((scale(a) - scale(b)) / (scale(*greatest) - scale(*least))).abs()
+                }
+                _ => f64::from(a != b),
+            }
+        };
+        a.swept.iter().zip(&b.swept).enumerate().map(apart).map(|d| d * d).sum::<f64>().sqrt()
+    }
+}

@@ -1,0 +1,293 @@
+//! What a study file may hold, as types: read by serde, and the JSON Schema that editors use is made from them.
+
+use std::fmt;
+
+use indexmap::IndexMap;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize};
+
+use super::change::GROUPS;
+use super::settings::{Settings, Value};
+
+/// A study of Sinew: a sweep over an inverse musculoskeletal problem.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "Sinew study")]
+pub struct StudyFile {
+    /// Becomes the name of the results folder: letters, digits, - _ and . only.
+    #[schemars(regex(pattern = r"^[^.][\w.-]*$"))]
+    pub name: String,
+    /// A sentence for the reader of the results.
+    #[serde(default)]
+    pub description: String,
+    /// Model file, relative to this file.
+    pub model: String,
+    /// Motion file (.csv, .mot, .sto), relative to this file.
+    pub motion: String,
+    /// Fixed values.
+    #[serde(default)]
+    #[schemars(schema_with = "fixed_values")]
+    pub base: toml::Table,
+    /// What varies. Several, as [[sweep]], follow one another; jobs that were there already are left out.
+    #[serde(default)]
+    pub sweep: OneOrMany<Sweep>,
+    /// Load ratios to report.
+    #[serde(default)]
+    pub ratio: Vec<Ratio>,
+    /// What to do when a job fails.
+    #[serde(default)]
+    pub on_failure: OnFailure,
+}
+
+/// Axes of several kinds; those given multiply.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Sweep {
+    /// Seeded samples.
+    pub sample: Option<Sample>,
+    /// Named sweeps that multiply with each other.
+    #[serde(default)]
+    #[schemars(with = "std::collections::BTreeMap<String, Sweep>")]
+    pub group: IndexMap<String, Sweep>,
+    /// Explicit jobs, a table each.
+    #[serde(default)]
+    #[schemars(schema_with = "list")]
+    pub list: Vec<toml::Table>,
+    /// Every combination; the first axis turns slowest.
+    #[schemars(schema_with = "axes")]
+    pub grid: Option<toml::Table>,
+    /// The base, and each value of each axis alone.
+    #[schemars(schema_with = "axes")]
+    pub star: Option<toml::Table>,
+    /// Side by side, all of one length.
+    #[schemars(schema_with = "axes")]
+    pub zip: Option<toml::Table>,
+    /// Keep only what matches all keys of one of these.
+    #[serde(default)]
+    #[schemars(schema_with = "conditions")]
+    pub when: Vec<toml::Table>,
+    /// Leave out what matches all keys of one of these.
+    #[serde(default)]
+    #[schemars(schema_with = "conditions")]
+    pub exclude: Vec<toml::Table>,
+}
+
+/// Seeded draws: of each parameter a value from a range or a list.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+pub struct Sample {
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub count: usize,
+    #[schemars(range(min = 0))]
+    pub seed: u64,
+    #[serde(default)]
+    pub method: Method,
+    #[serde(flatten)]
+    #[schemars(schema_with = "draws")]
+    pub draws: toml::Table,
+}
+
+/// How samples fill the space.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Independent and uniform.
+    #[default]
+    Random,
+    /// Each of `count` equal parts of each range is met once.
+    LatinHypercube,
+    /// Owen-scrambled Sobol' points: even in every projection.
+    Sobol,
+}
+
+/// A load ratio: numerator over denominator, each the sum over one muscle or several.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Ratio {
+    pub name: String,
+    /// A muscle, or several; * stands for any letters.
+    pub numerator: OneOrMany<String>,
+    pub denominator: OneOrMany<String>,
+    #[serde(default = "mean_force")]
+    pub measure: OneOrMany<Measure>,
+}
+
+fn mean_force() -> OneOrMany<Measure> {
+    OneOrMany(vec![Measure::MeanForce])
+}
+
+/// Of what a load ratio is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Measure {
+    MeanForce,
+    /// Of several muscles the sum of each one's peak.
+    PeakForce,
+    Impulse,
+    /// Mean activation; of several muscles the mean of theirs.
+    Activation,
+}
+
+impl Measure {
+    pub fn name(self) -> &'static str {
+        match self {
+            Measure::MeanForce => "mean_force",
+            Measure::PeakForce => "peak_force",
+            Measure::Impulse => "impulse",
+            Measure::Activation => "activation",
+        }
+    }
+}
+
+/// What a run does when a job fails.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OnFailure {
+    /// Keep it as a row with a status and the reason; the others go on.
+    #[default]
+    Record,
+    /// Begin no further job.
+    Stop,
+    /// When all others are done, start again from the nearest solved job and move over in steps.
+    Retry,
+}
+
+/// One item, or a list of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OneOrMany<T>(pub Vec<T>);
+
+impl<T> Default for OneOrMany<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<T: Serialize> Serialize for OneOrMany<T> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.serialize(serializer)
+    }
+}
+
+// By hand, because an untagged enum would lose the place and reason of a mistake inside.
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either<T>(std::marker::PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Either<T> {
+            type Value = OneOrMany<T>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("one item or a list of them")
+            }
+            fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Self::Value, E> {
+                T::deserialize(serde::de::value::StrDeserializer::new(text)).map(|one| OneOrMany(vec![one]))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                T::deserialize(MapAccessDeserializer::new(map)).map(|one| OneOrMany(vec![one]))
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<Self::Value, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(items)).map(OneOrMany)
+            }
+        }
+        deserializer.deserialize_any(Either(std::marker::PhantomData))
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for OneOrMany<T> {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        format!("OneOrMany{}", T::schema_name()).into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let one = generator.subschema_for::<T>();
+        json_schema!({ "anyOf": [one, { "type": "array", "items": one }] })
+    }
+}
+
+/// The JSON Schema of a study file, for editors.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(StudyFile).to_value()
+}
+
+/// Every name that a study may set, with the schema of its value turned by `of`.
+fn names(generator: &mut SchemaGenerator, of: impl Fn(&serde_json::Value) -> serde_json::Value) -> Schema {
+    let settings = Settings::json_schema(generator).to_value();
+    let mut properties = serde_json::Map::new();
+    for (name, value) in settings["properties"].as_object().expect("settings are a struct") {
+        let mut value = value.clone();
+        let about = value.as_object_mut().map(|v| {
+            v.remove("default");
+            v.remove("description")
+        });
+        let mut property = of(&value);
+        if let (Some(Some(about)), Some(property)) = (about, property.as_object_mut()) {
+            property.insert("description".to_owned(), about);
+        }
+        properties.insert(name.clone(), property);
+    }
+    let number = serde_json::json!({ "type": "number" });
+    let of_number = of(&number);
+    let pattern = format!(r"^({}|motion)\..+$", GROUPS.join("|"));
+    json_schema!({
+        "type": "object",
+        "properties": properties,
+        "patternProperties": { pattern: of_number },
+        "additionalProperties": false,
+    })
+}
+
+fn fixed_values(generator: &mut SchemaGenerator) -> Schema {
+    let mut schema = names(generator, serde_json::Value::clone);
+    // A path may be written as one quoted key or as tables.
+    let pattern = format!("^({}|motion)$", GROUPS.join("|"));
+    if let Some(patterns) = schema.get_mut("patternProperties").and_then(serde_json::Value::as_object_mut) {
+        patterns.insert(pattern, serde_json::json!({ "type": "object" }));
+    }
+    schema
+}
+
+fn list(generator: &mut SchemaGenerator) -> Schema {
+    let job = names(generator, serde_json::Value::clone);
+    json_schema!({ "type": "array", "items": job, "minItems": 1 })
+}
+
+fn range(keys: &[&str], required: &[&str]) -> serde_json::Value {
+    let kind = |key: &str| match key {
+        "count" => serde_json::json!({ "type": "integer", "minimum": 1, "maximum": 1_000_000 }),
+        "scale" => serde_json::json!({ "enum": ["linear", "log"] }),
+        _ => serde_json::json!({ "type": "number" }),
+    };
+    let properties: serde_json::Map<_, _> = keys.iter().map(|key| ((*key).to_owned(), kind(key))).collect();
+    serde_json::json!({ "type": "object", "properties": properties, "required": required, "additionalProperties": false })
+}
+
+fn axes(generator: &mut SchemaGenerator) -> Schema {
+    let range = range(&["from", "to", "count", "scale"], &["from", "to", "count"]);
+    let mut schema = names(
+        generator,
+        |value| serde_json::json!({ "anyOf": [{ "type": "array", "items": value, "minItems": 1 }, range] }),
+    );
+    schema.insert("minProperties".to_owned(), 1.into());
+    schema
+}
+
+fn draws(generator: &mut SchemaGenerator) -> Schema {
+    let range = range(&["from", "to", "scale"], &["from", "to"]);
+    let mut schema = names(
+        generator,
+        |value| serde_json::json!({ "anyOf": [{ "type": "array", "items": value, "minItems": 1 }, range] }),
+    );
+    schema.remove("additionalProperties"); // count, seed and method are beside them
+    schema
+}
+
+fn conditions(generator: &mut SchemaGenerator) -> Schema {
+    let range = range(&["from", "to"], &[]);
+    let condition =
+        names(generator, |value| serde_json::json!({ "anyOf": [value, { "type": "array", "items": value }, range] }));
+    json_schema!({ "type": "array", "items": condition, "minItems": 1 })
+}
+
+/// A value of a table for messages.
+pub fn shown(value: &toml::Value) -> String {
+    Value::of(value).map_or_else(|| value.to_string(), |value| value.to_string())
+}

@@ -1,0 +1,149 @@
+//! Seeded samples: of each parameter a value from a range or a list.
+
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::file::{Method, Sample};
+use super::settings::Value;
+use super::sweep::{Expansion, Place, Range, SAMPLE, at, issue, values};
+use crate::error::Issue;
+
+/// Most samples and parameters of the Sobol' sequence (its library's tables).
+const SOBOL: (usize, usize) = (1 << 16, 256);
+
+/// The samples of a sweep, numbered in the column `sample`.
+///
+/// # Errors
+/// An [`Issue`] with the place of the parameter at fault.
+pub fn samples(sample: &Sample, place: &[String]) -> Result<Expansion, Issue> {
+    let count = sample.count;
+    if !(1..=1_000_000).contains(&count) {
+        let help = "`count` is a whole number from 1 to 1000000";
+        return Err(issue(at(place, &["count"]), format!("found {count}"), help));
+    }
+    let mut draws = Vec::new();
+    for (name, spec) in &sample.draws {
+        let place = at(place, &[name]);
+        draws.push((std::sync::Arc::<str>::from(name.as_str()), Draw::new(name, spec, &place)?, place));
+    }
+    if draws.is_empty() {
+        let help = "add a parameter such as mu = { from = 0.1, to = 1.0 }";
+        return Err(issue(place.to_vec(), "nothing is sampled", help));
+    }
+    let shares = shares(sample, draws.len(), place)?;
+    let numbers: std::sync::Arc<str> = SAMPLE.into();
+    let point = |i: usize| {
+        let drawn = draws.iter().zip(&shares).map(|((name, draw, _), shares)| (name.clone(), draw.at(shares[i])));
+        std::iter::once((numbers.clone(), Value::Integer(i as i64))).chain(drawn).collect()
+    };
+    let points = (0..count).map(point).collect();
+    let axes = std::iter::once((numbers.clone(), place.to_vec()));
+    Ok(Expansion {
+        points,
+        axes: axes.chain(draws.iter().map(|(name, _, place)| (name.clone(), place.clone()))).collect(),
+    })
+}
+
+/// For each of `dimensions` parameters `count` numbers in [0, 1).
+fn shares(sample: &Sample, dimensions: usize, place: &[String]) -> Result<Vec<Vec<f64>>, Issue> {
+    let count = sample.count;
+    let mut rng = ChaCha8Rng::seed_from_u64(sample.seed);
+    let mut shares = vec![vec![0.0; count]; dimensions];
+    match sample.method {
+        Method::Random => (0..count).for_each(|i| shares.iter_mut().for_each(|d| d[i] = rng.random())),
+        Method::LatinHypercube => {
+            for dimension in &mut shares {
+                for (i, share) in dimension.iter_mut().enumerate() {
+                    *share = (i as f64 + rng.random::<f64>()) / count as f64;
+                }
+                dimension.shuffle(&mut rng);
+            }
+        }
+        Method::Sobol => {
+            if count > SOBOL.0 || dimensions > SOBOL.1 {
+                let message = format!("{count} samples of {dimensions} parameters");
+                let help = format!(
+                    "Sobol' points reach to {} samples of {} parameters; latin_hypercube has no such limit",
+                    SOBOL.0, SOBOL.1
+                );
+                return Err(issue(at(place, &["method"]), message, help));
+            }
+            let seed = (sample.seed ^ (sample.seed >> 32)) as u32;
+            for (d, dimension) in shares.iter_mut().enumerate() {
+                for (i, share) in dimension.iter_mut().enumerate() {
+                    *share = f64::from(sobol_burley::sample(i as u32, d as u32, seed));
+                }
+            }
+        }
+    }
+    Ok(shares)
+}
+
+/// What a sampled parameter is drawn from.
+enum Draw {
+    Range(Range),
+    Choice(Vec<Value>),
+}
+
+impl Draw {
+    fn new(name: &str, spec: &toml::Value, place: &Place) -> Result<Self, Issue> {
+        match spec {
+            toml::Value::Array(_) => Ok(Draw::Choice(values(name, spec, place)?)),
+            toml::Value::Table(range) if range.keys().all(|k| ["from", "to", "scale"].contains(&k.as_str())) => {
+                Ok(Draw::Range(Range::new(range, place)?))
+            }
+            _ => Err(issue(
+                place.clone(),
+                "nothing to draw from",
+                "a sampled parameter is a range { from = …, to = … } (scale = \"log\" if you like) or a list of values",
+            )),
+        }
+    }
+
+    /// The value at a share from 0 to 1.
+    fn at(&self, share: f64) -> Value {
+        match self {
+            Draw::Range(range) => Value::Number(range.share(share)),
+            Draw::Choice(values) => values[((share * values.len() as f64) as usize).min(values.len() - 1)].clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn drawn(method: &str, count: usize, seed: u64) -> Vec<Vec<Value>> {
+        let text = format!(
+            "method = '{method}'\ncount = {count}\nseed = {seed}\nmu = {{ from = 0.01, to = 1.0, scale = 'log' }}\n\
+             b = ['x', 'y']\n'body.a.mass' = {{ from = 1.0, to = 2.0 }}"
+        );
+        let expansion = samples(&toml::from_str(&text).unwrap(), &[]).unwrap();
+        expansion.points.into_iter().map(|point| point.into_iter().map(|(_, value)| value).collect()).collect()
+    }
+
+    #[test]
+    fn samples_are_seeded_and_spread() {
+        for method in ["random", "latin_hypercube", "sobol"] {
+            let jobs = drawn(method, 64, 4);
+            assert_eq!(jobs, drawn(method, 64, 4), "{method}");
+            assert_ne!(jobs, drawn(method, 64, 5), "{method}");
+            assert!(jobs.iter().all(|j| (1.0..2.0).contains(&j[3].number().unwrap())));
+            let small = jobs.iter().filter(|j| j[1].number().unwrap() < 0.1).count();
+            let x = jobs.iter().filter(|j| j[2] == Value::Text("x".into())).count();
+            let even = if method == "random" { 20..44 } else { 32..33 };
+            assert!(even.contains(&small) && even.contains(&x), "{method}: {small} {x}");
+        }
+    }
+
+    #[test]
+    fn each_part_of_a_range_is_met_once() {
+        for method in ["latin_hypercube", "sobol"] {
+            let jobs = drawn(method, 64, 9);
+            let mut parts: Vec<usize> = jobs.iter().map(|j| ((j[3].number().unwrap() - 1.0) * 64.0) as usize).collect();
+            parts.sort_unstable();
+            assert_eq!(parts, (0..64).collect::<Vec<_>>(), "{method}");
+        }
+    }
+}

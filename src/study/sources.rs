@@ -1,0 +1,72 @@
+//! The three texts that a study is made of: from files, or from the manifest of a run.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::file::StudyFile;
+use crate::error::{Error, Result, SourceFile};
+
+/// Study, model and motion as they were read.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Sources {
+    pub study: SourceFile,
+    pub model: SourceFile,
+    pub motion: SourceFile,
+}
+
+/// The part of `manifest.json` that a study is made from again.
+#[derive(Deserialize)]
+struct Kept {
+    sources: Sources,
+}
+
+impl Sources {
+    /// Reads a study file and the files it names; or a manifest, or the results folder that it is in.
+    ///
+    /// # Errors
+    /// What cannot be read, with its place.
+    pub fn read(path: &Path) -> Result<(Self, StudyFile)> {
+        let manifest = if path.is_dir() { path.join("manifest.json") } else { path.to_owned() };
+        if manifest.extension().is_some_and(|e| e == "json") {
+            let file = SourceFile::read(&manifest)?;
+            let kept: Kept = serde_json::from_str(&file.text).map_err(|e| {
+                let help = "a study (.toml), or the manifest.json of a results folder, is expected";
+                file.error(
+                    file.line_span(e.line()),
+                    format!("this is no manifest of Sinew: {e}"),
+                    "here",
+                    Some(help.into()),
+                )
+            })?;
+            let study = parse(&kept.sources.study)?;
+            return Ok((kept.sources, study));
+        }
+        let file = SourceFile::read(path)?;
+        let study = parse(&file)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let model = named(&file, "model", &folder.join(&study.model))?;
+        let motion = named(&file, "motion", &folder.join(&study.motion))?;
+        Ok((Self { study: file, model, motion }, study))
+    }
+}
+
+fn parse(file: &SourceFile) -> Result<StudyFile> {
+    toml::from_str(&file.text).map_err(|e| file.toml_error(&e))
+}
+
+/// Reads a file that a study names; if it is not there the error points at the key.
+fn named(study: &SourceFile, key: &str, path: &PathBuf) -> Result<SourceFile> {
+    SourceFile::read(path).map_err(|error| match &error {
+        Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound => {
+            let help = miette::Diagnostic::help(&error).map(|h| h.to_string());
+            study.error(
+                study.toml_span(&[key.to_owned()]),
+                format!("the {key} file {} does not exist", path.display()),
+                "named here, relative to the study file",
+                help,
+            )
+        }
+        _ => error,
+    })
+}
