@@ -7,7 +7,7 @@
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -31,6 +31,8 @@ pub struct Header {
     pub retried: bool,
     /// When it finished, ms since 1970.
     pub time_ms: u64,
+    /// Bytes of the outcome's text.
+    length: usize,
     /// Hash of the outcome's text.
     check: String,
 }
@@ -38,8 +40,8 @@ pub struct Header {
 struct Entry {
     header: Header,
     file: usize,
+    /// Where the outcome's text begins.
     offset: u64,
-    length: usize,
 }
 
 /// The finished jobs of a folder.
@@ -62,6 +64,7 @@ pub fn line(job_id: &str, outcome: &Outcome, retried: bool) -> Vec<u8> {
         solver: SOLVER.to_owned(),
         retried,
         time_ms: now,
+        length: body.len(),
         check: hash(&body),
     };
     let mut line = serde_json::to_vec(&header).expect("a header is plain data");
@@ -76,15 +79,45 @@ fn hash(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex()[..16].to_owned()
 }
 
-/// Header and place of the outcome within a whole line.
-fn parse(line: &[u8], verify: bool) -> Option<(Header, std::ops::Range<usize>)> {
-    let split = line.windows(OUTCOME.len()).take(4096).position(|window| window == OUTCOME)?;
+/// Longest header.
+const HEADER: usize = 1024;
+
+/// The header at the beginning of a line, and where the outcome begins in it.
+fn parse(line: &[u8]) -> Option<(Header, usize)> {
+    let split = line.windows(OUTCOME.len()).take(HEADER).position(|window| window == OUTCOME)?;
     let mut head = line[..split].to_vec();
     head.push(b'}');
-    let header: Header = serde_json::from_slice(&head).ok()?;
-    let body = split + OUTCOME.len()..line.len().checked_sub(2)?;
-    let whole = line.ends_with(b"}\n") && (!verify || hash(line.get(body.clone())?) == header.check);
-    whole.then_some((header, body))
+    Some((serde_json::from_slice(&head).ok()?, split + OUTCOME.len()))
+}
+
+/// The line that begins at `offset`, without its outcome unless `verify` asks for it to be checked; `None` if it is not whole.
+fn line_at(file: &mut File, offset: u64, size: u64, verify: bool) -> std::io::Result<Option<(Header, u64)>> {
+    let mut begin = vec![0; HEADER.min((size - offset) as usize)];
+    file.seek(SeekFrom::Start(offset))?;
+    file.read_exact(&mut begin)?;
+    let Some((header, start)) = parse(&begin) else { return Ok(None) };
+    let body = offset + start as u64;
+    let is_last = body + header.length as u64 + 2 == size;
+    if body + header.length as u64 + 2 > size {
+        return Ok(None);
+    }
+    if verify || is_last {
+        let mut rest = vec![0; header.length + 2];
+        file.seek(SeekFrom::Start(body))?;
+        file.read_exact(&mut rest)?;
+        if !rest.ends_with(b"}\n") || hash(&rest[..header.length]) != header.check {
+            return Ok(None);
+        }
+    }
+    Ok(Some((header, body)))
+}
+
+/// Where the line at `offset` ends, just behind its `\n`; `None` if it has none.
+fn end_of_line(file: &mut File, offset: u64) -> std::io::Result<Option<u64>> {
+    file.seek(SeekFrom::Start(offset))?;
+    let mut line = Vec::new();
+    BufReader::new(file).read_until(b'\n', &mut line)?;
+    Ok(line.ends_with(b"\n").then(|| offset + line.len() as u64))
 }
 
 impl Store {
@@ -191,24 +224,26 @@ impl Store {
 
     /// Takes in all lines of a file; returns where the last whole one ends.
     fn scan(&mut self, path: PathBuf, mut file: File, verify: bool) -> Result<u64> {
-        let mut text = Vec::new();
-        file.read_to_end(&mut text).map_err(|e| Error::io("read", &path, e))?;
+        let failed = |e| Error::io("read", &path, e);
+        let size = file.metadata().map_err(failed)?.len();
         let place = self.files.len();
-        self.files.push((path, file));
-        let (mut offset, mut end) = (0, 0);
-        for line in text.split_inclusive(|&byte| byte == b'\n') {
-            match parse(line, verify) {
-                Some((header, body)) => {
-                    let at = (offset + body.start as u64, body.len());
-                    self.insert(Entry { header, file: place, offset: at.0, length: at.1 });
+        let mut end = 0;
+        while end < size {
+            match line_at(&mut file, end, size, verify).map_err(failed)? {
+                Some((header, offset)) => {
+                    end = offset + header.length as u64 + 2;
+                    self.insert(Entry { header, file: place, offset });
                 }
-                None => self.damaged += 1,
-            }
-            offset += line.len() as u64;
-            if line.ends_with(b"\n") {
-                end = offset;
+                None => {
+                    self.damaged += 1;
+                    match end_of_line(&mut file, end).map_err(failed)? {
+                        Some(next) => end = next,
+                        None => break,
+                    }
+                }
             }
         }
+        self.files.push((path, file));
         Ok(end)
     }
 
@@ -227,7 +262,7 @@ impl Store {
     pub fn outcome(&mut self, job_id: &str) -> Result<Option<Outcome>> {
         let Some(entry) = self.entries.get(job_id) else { return Ok(None) };
         let (path, file) = &mut self.files[entry.file];
-        let mut body = vec![0; entry.length];
+        let mut body = vec![0; entry.header.length];
         let read = file.seek(SeekFrom::Start(entry.offset)).and_then(|_| file.read_exact(&mut body));
         read.map_err(|e| Error::io("read", path, e))?;
         let damaged = |e: String| Error::io("read", path, std::io::Error::other(format!("job {job_id}: {e}")));
@@ -250,11 +285,8 @@ impl Store {
         }
         let mut offset = end;
         for line in lines {
-            if let Some((header, body)) = parse(line, false) {
-                let at = offset + body.start as u64;
-                self.entries
-                    .insert(header.job_id.clone(), Entry { header, file: place, offset: at, length: body.len() });
-            }
+            let (header, start) = parse(line).expect("a line made by `line`");
+            self.entries.insert(header.job_id.clone(), Entry { header, file: place, offset: offset + start as u64 });
             offset += line.len() as u64;
         }
         self.own = Some((place, offset));

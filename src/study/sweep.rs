@@ -228,7 +228,7 @@ fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Is
     if name == SAMPLE {
         return Err(issue(place.to_vec(), "`sample` numbers the samples", "use [sweep.sample] with count and seed"));
     }
-    if let (toml::Value::Table(inner), true) = (spec, super::change::is_model_path(name) || name == "motion") {
+    if let (toml::Value::Table(inner), true) = (spec, super::change::GROUPS.contains(&name) || name == "motion") {
         let first = inner.keys().next().map_or("…", String::as_str);
         return Err(issue(
             place.to_vec(),
@@ -324,7 +324,9 @@ impl Range {
         let x = match i {
             0 => self.from,
             _ if i + 1 == count => self.to,
-            _ => self.share(i as f64 / (count - 1) as f64),
+            _ if self.log => self.share(i as f64 / (count - 1) as f64),
+            // Multiplied first, so that whole steps are met exactly.
+            _ => self.from + i as f64 * (self.to - self.from) / (count - 1) as f64,
         };
         // Whole numbers between whole ends stay whole: starts, seeds, ratios.
         if self.whole && x.fract() == 0.0 { Value::Integer(x as i64) } else { Value::Number(x) }
@@ -449,6 +451,11 @@ mod tests {
         let jobs = expand_text("[grid]\nmu = { from = 0.01, to = 1.0, count = 3, scale = 'log' }").unwrap();
         assert_eq!((jobs[0].as_str(), jobs[2].as_str()), ("mu0.01", "mu1"));
         assert!((jobs[1][2..].parse::<f64>().unwrap() - 0.1).abs() < 1e-15);
+        let jobs = expand_text("[grid]\n'muscle.a.b' = { from = 1, to = 100, count = 100 }").unwrap();
+        assert!(
+            jobs.iter().enumerate().all(|(i, job)| *job == format!("muscle.a.b{}", i + 1)),
+            "whole numbers stay whole"
+        );
     }
 
     #[test]
