@@ -15,6 +15,7 @@
 use crate::model::Model;
 use crate::model::curves::{active_force_length, passive_force_length, tendon_strain};
 use crate::motion::Measurement;
+use crate::nlp::deadline::Deadline;
 use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;
 use crate::numerics::bspline::SplineSpace;
@@ -221,6 +222,7 @@ fn share_load(
         equality_values: &unloaded,
         inequalities: &inequalities,
         inequality_values: &inequality_values,
+        deadline: Deadline::default(),
     }
     .solve()
     .ok()?;

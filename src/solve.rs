@@ -1,13 +1,14 @@
 //! One job to its outcome, the whole pipeline on one screen: measure, transcribe, guess, solve, polish, rank,
 //! report. Pure: no disk, no printing, one thread.
 
-use std::time::{Duration, Instant as Clock};
+use std::time::Instant as Clock;
 
 use rand::{RngExt, SeedableRng};
 
 use crate::guess::start_guess;
 use crate::model::Model;
 use crate::motion::{Measurement, MotionSettings, MotionTable};
+use crate::nlp::deadline::Deadline;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
 use crate::nlp::polish::{ACTIVE, active, polish};
@@ -85,11 +86,8 @@ fn solve_timed(
     };
     let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
-    let sqp_settings = SqpSettings {
-        max_iterations: settings.max_iterations,
-        deadline: settings.time_limit_s.map(|limit| clock + Duration::from_secs_f64(limit)),
-        ..SqpSettings::default()
-    };
+    let deadline = Deadline::after(clock, settings.time_limit_s);
+    let sqp_settings = SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() };
     let solved = Clock::now();
     let coarse = coarser(model, table, settings, points, clock);
     // The start by inverse dynamics gives way to a better one.
@@ -115,7 +113,7 @@ fn solve_timed(
 
     let ranked = Clock::now();
     // Ranks are taken at the polished point; it is also the solution where it is as good a one.
-    let polished = polished(&problem, &run.iterate);
+    let polished = if deadline.passed() { None } else { polished(&problem, &run.iterate) };
     let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
     let good = ranked_at.kkt_error().largest() <= sqp_settings.target.max(run.iterate.kkt_error().largest());
     let point = if good { ranked_at } else { &run.iterate };
@@ -137,7 +135,9 @@ fn solve_timed(
     if settings.trajectories {
         outcome.trajectories = solution.trajectory_rows();
     }
-    let mut counter = (settings.regularity != RegularityMode::Off).then(|| RankCounter::new(&problem));
+    let ranks_wanted = settings.regularity != RegularityMode::Off;
+    let mut counter = (ranks_wanted && !deadline.passed()).then(|| RankCounter::new(&problem));
+    counter.iter_mut().for_each(|counter| counter.deadline = deadline);
     let every = counter.as_mut().filter(|_| settings.regularity == RegularityMode::EveryIteration);
     outcome.iterations = iteration_rows(&problem, run, every);
     outcome.optima = optima(&problem, &runs, counter.as_mut());
@@ -151,18 +151,22 @@ fn solve_timed(
             }
             (outcome.regularity, outcome.spectrum) = (Some(row), spectrum);
             let means = solution.mean_activations();
-            let intervals = uniqueness::activation_intervals(&problem, point, &means, &null_directions);
+            let intervals = uniqueness::activation_intervals(&problem, point, &means, &null_directions, deadline);
             for (muscle, interval) in outcome.muscles.iter_mut().zip(intervals) {
                 (muscle.mean_activation_low, muscle.mean_activation_high) = interval.unzip();
             }
         }
     }
-    if settings.regularity != RegularityMode::Off && run.status == SqpStatus::Converged {
+    if ranks_wanted && run.status == SqpStatus::Converged {
         let tracking = measurement.times.len() * model.coordinates();
         let parameters = uniqueness::parameters(&problem, point, settings.mu, tracking);
         let means: Vec<f64> = outcome.muscles.iter().map(|muscle| muscle.mean_force_n).collect();
         let slopes = |direction: &[f64]| solution.mean_force_slopes(direction);
         outcome.sensitivities = uniqueness::sensitivities(&mut kkt, &problem, point, &parameters, slopes, &means);
+    }
+    if ranks_wanted && run.status == SqpStatus::Converged && deadline.passed() {
+        let reason = "solved, but the time limit of the job passed before all ranks were taken; raise time_limit_s";
+        (outcome.job.status, outcome.job.error) = (Status::TimeLimit, Some(reason.to_owned()));
     }
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
     let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
@@ -395,7 +399,7 @@ fn iteration_rows(
         .iter()
         .enumerate()
         .map(|(iteration, record)| {
-            let deficiencies = counter.as_mut().and_then(|counter| {
+            let deficiencies = counter.as_mut().filter(|counter| !counter.deadline.passed()).and_then(|counter| {
                 let iterate = Iterate::new(problem, record.x.clone());
                 counter.deficiencies(&iterate, &active_rows(problem, &iterate).0)
             });

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::nlp::deadline::Deadline;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::{Kkt, KktValues, Rows};
 use crate::nlp::polish::active;
@@ -35,6 +36,7 @@ pub fn activation_intervals(
     iterate: &Iterate,
     means: &[Combination],
     null_directions: &[Vec<f64>],
+    deadline: Deadline,
 ) -> Vec<Option<(f64, f64)>> {
     let moves = |mean: &Combination| null_directions.iter().any(|d| evaluate(mean, d).abs() > MOVES_ACTIVATION);
     let mut programme = None;
@@ -45,7 +47,7 @@ pub fn activation_intervals(
             if !moves(mean) {
                 return Some((value, value));
             }
-            let programme = programme.get_or_insert_with(|| OptimalSet::new(problem, iterate));
+            let programme = programme.get_or_insert_with(|| OptimalSet::new(problem, iterate, deadline));
             let (low, high) = (programme.least(mean, 1.0)?, -programme.least(mean, -1.0)?);
             Some((value + low.min(0.0), value + high.max(0.0)))
         })
@@ -57,10 +59,11 @@ struct OptimalSet {
     equalities: Sparse,
     inequalities: Sparse,
     slack: Vec<f64>,
+    deadline: Deadline,
 }
 
 impl OptimalSet {
-    fn new(problem: &Collocation<'_>, iterate: &Iterate) -> Self {
+    fn new(problem: &Collocation<'_>, iterate: &Iterate, deadline: Deadline) -> Self {
         let n = iterate.x.len();
         let largest = iterate.inequality_multipliers.iter().fold(0.0f64, |a, nu| a.max(*nu));
         let is_active = active(&iterate.inequalities);
@@ -101,7 +104,7 @@ impl OptimalSet {
                 }
             }
         }
-        Self { equalities, inequalities: Sparse::from_triplets(slack.len(), n, &unequal), slack }
+        Self { equalities, inequalities: Sparse::from_triplets(slack.len(), n, &unequal), slack, deadline }
     }
 
     /// Least value of `sign` times the functional.
@@ -116,6 +119,7 @@ impl OptimalSet {
             equality_values: &vec![0.0; self.equalities.rows],
             inequalities: &self.inequalities,
             inequality_values: &self.slack,
+            deadline: self.deadline,
         }
         .solve()
         .ok()?;

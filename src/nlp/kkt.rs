@@ -14,6 +14,7 @@
 //! the matrix singular; iterative refinement takes it out again. By Sylvester's law the signs of the pivots tell
 //! whether H + δ D is positive definite where the active constraints vanish.
 
+use super::deadline::Deadline;
 use super::problem::Problem;
 use crate::numerics::sparse::{Pattern, Sparse};
 pub use crate::numerics::staged::Inertia;
@@ -40,6 +41,8 @@ pub struct Kkt {
     diagonal_slots: Vec<usize>,
     active: Vec<bool>,
     factors: StagedLdl,
+    /// Once this has passed nothing is factorised any more.
+    pub deadline: Deadline,
     residual: Vec<f64>,
     correction: Vec<f64>,
 }
@@ -101,6 +104,7 @@ impl Kkt {
             regularised: matrix.clone(),
             factors: StagedLdl::new(&matrix, &stage),
             matrix,
+            deadline: Deadline::default(),
             residual: vec![0.0; order],
             correction: vec![0.0; order],
         }
@@ -110,8 +114,11 @@ impl Kkt {
         self.diagonal_slots.len()
     }
 
-    /// Fills and factorises the matrix. `None` if a pivot vanishes or a value is not finite.
+    /// Fills and factorises the matrix. `None` if a pivot vanishes, a value is not finite or the deadline has passed.
     pub fn factorise(&mut self, values: &KktValues<'_>) -> Option<Inertia> {
+        if self.deadline.passed() {
+            return None;
+        }
         let (n, me) = (self.variables, self.equalities);
         let matrix = &mut self.matrix.values;
         matrix.fill(0.0);

@@ -8,6 +8,7 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
 
+use super::deadline::Deadline;
 use crate::numerics::sparse::Sparse;
 
 /// A convex quadratic programme; see the module.
@@ -19,6 +20,7 @@ pub struct QuadraticProgramme<'a> {
     pub equality_values: &'a [f64],
     pub inequalities: &'a Sparse,
     pub inequality_values: &'a [f64],
+    pub deadline: Deadline,
 }
 
 /// Minimiser and multipliers: `P d + g + Aᵀ λ − Bᵀ ν = 0`, `ν ≥ 0`.
@@ -35,7 +37,7 @@ pub struct QpSolution {
 pub enum QpFailure {
     /// The constraints contradict each other.
     Infeasible,
-    /// Clarabel gave up; the data may be badly scaled, indefinite or not finite.
+    /// Clarabel gave up; the data may be badly scaled, indefinite or not finite, or the deadline has passed.
     Numerical,
 }
 
@@ -74,6 +76,7 @@ impl QuadraticProgramme<'_> {
         let settings = DefaultSettings {
             verbose: false,
             max_threads: 1,
+            time_limit: self.deadline.left_s(),
             presolve_enable: false,
             max_iter: 60,
             tol_gap_abs: 1e-10,
@@ -117,6 +120,7 @@ mod tests {
             equality_values: &[-0.5],
             inequalities: &inequalities,
             inequality_values: &[1.0, 9.0],
+            deadline: Deadline::default(),
         };
         let solution = programme.solve().unwrap();
         assert!((solution.step[0] - 1.0).abs() < 1e-7 && (solution.step[1] - 0.5).abs() < 1e-7);

@@ -16,6 +16,7 @@
 use faer::Mat;
 use rand::{RngExt, SeedableRng};
 
+use super::deadline::Deadline;
 use super::iterate::Iterate;
 use super::problem::Problem;
 use crate::numerics::rank::{self, Rank};
@@ -64,13 +65,22 @@ impl Spectrum {
         }
     }
 
-    fn counted(matrix: &mut StagedSpectrum, rows: usize, columns: usize, full: usize) -> Option<Self> {
+    fn counted(
+        matrix: &mut StagedSpectrum,
+        rows: usize,
+        columns: usize,
+        full: usize,
+        deadline: Deadline,
+    ) -> Option<Self> {
         let sigma_max = matrix.sigma_max();
         let tolerance = rank::tolerance(rows, columns, sigma_max);
         let rank = matrix.count_above(tolerance)?;
         let (high, low) = (matrix.count_above(AMBIGUOUS.1 * sigma_max)?, matrix.count_above(AMBIGUOUS.0 * sigma_max)?);
         let mut around_cut = Vec::new();
         for index in rank.saturating_sub(AROUND_CUT_COUNTED)..(rank + AROUND_CUT_COUNTED).min(rows.min(columns)) {
+            if deadline.passed() {
+                return None;
+            }
             let (low, high) = if index < rank { (tolerance, 1.01 * sigma_max) } else { (1e-18 * sigma_max, tolerance) };
             around_cut.push((index, matrix.value(index, low, high, PRECISION)?));
         }
@@ -121,6 +131,9 @@ pub fn analyse(
     iterate: &Iterate,
     active: &[usize],
 ) -> Option<Regularity> {
+    if counter.deadline.passed() {
+        return None;
+    }
     if iterate.x.len() <= DENSE_UNKNOWNS {
         analyse_dense(problem, iterate, active)
     } else {
@@ -147,6 +160,8 @@ pub struct RankCounter {
     equality_slots: [Vec<usize>; 2],
     inequality_slots: [Vec<usize>; 2],
     spectra: [StagedSpectrum; 2],
+    /// Once this has passed nothing is counted any more.
+    pub deadline: Deadline,
 }
 
 impl RankCounter {
@@ -187,6 +202,7 @@ impl RankCounter {
             equality_slots: [ea, eaj],
             inequality_slots: [ia, iaj],
             spectra: [sa, saj],
+            deadline: Deadline::default(),
         }
     }
 
@@ -226,8 +242,8 @@ impl RankCounter {
         self.set(iterate, active);
         let (rows_a, rows_aj, n) = self.sizes(active.len());
         let [a, aj] = &mut self.spectra;
-        let a = Spectrum::counted(a, rows_a, n, rows_a)?;
-        let spectrum = Spectrum::counted(aj, rows_aj, n, n)?;
+        let a = Spectrum::counted(a, rows_a, n, rows_a, self.deadline)?;
+        let spectrum = Spectrum::counted(aj, rows_aj, n, n, self.deadline)?;
         let mut null_directions = Vec::new();
         for k in 0..if spectrum.deficiency > 0 { SAMPLED_DIRECTIONS } else { 0 } {
             let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(k);

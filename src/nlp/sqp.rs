@@ -23,9 +23,8 @@
 //! corrected by three more steps on the optimality conditions with the same factorisation, and is kept if it lowers the KKT error at no
 //! loss. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
 
-use std::time::Instant;
-
 use super::active_set::{self, SMALLEST_DAMPING, Step};
+use super::deadline::Deadline;
 use super::filter::{Filter, Verdict};
 use super::interior_point;
 use super::iterate::{Iterate, KktError};
@@ -42,12 +41,12 @@ pub struct SqpSettings {
     pub target: f64,
     pub max_iterations: usize,
     /// Gives up as `TimeLimit` when this is past.
-    pub deadline: Option<Instant>,
+    pub deadline: Deadline,
 }
 
 impl Default for SqpSettings {
     fn default() -> Self {
-        Self { tolerance: 1e-8, target: 9e-9, max_iterations: 300, deadline: None }
+        Self { tolerance: 1e-8, target: 9e-9, max_iterations: 300, deadline: Deadline::default() }
     }
 }
 
@@ -184,6 +183,7 @@ pub fn solve(problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettin
 
 /// [`solve`] with the symbolic factorisation of this problem at hand.
 pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettings) -> SqpOutcome {
+    kkt.deadline = settings.deadline;
     let Start { x: start, multipliers } = start.into();
     let [_, _, pattern] = problem.patterns();
     let mut gauss_newton = pattern.clone();
@@ -244,7 +244,8 @@ impl Sqp<'_> {
             }
             let record = trace.last_mut().expect("just pushed");
             if let Err(status) = self.iterate(error, record) {
-                break status;
+                // Work cut short by the deadline looks like a failure of its own.
+                break if self.is_late() { SqpStatus::TimeLimit } else { status };
             }
         };
         // A feasibility phase that failed has left the last point of the trace.
@@ -276,7 +277,7 @@ impl Sqp<'_> {
     }
 
     fn is_late(&self) -> bool {
-        self.settings.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+        self.settings.deadline.passed()
     }
 
     /// One step from `here` to the next point.
@@ -389,6 +390,7 @@ impl Sqp<'_> {
             equality_values: &self.here.equalities,
             inequalities: &self.here.inequality_jacobian,
             inequality_values: &self.here.inequalities,
+            deadline: self.settings.deadline,
         }
         .solve()?;
         let mut slack = self.here.inequalities.clone();
@@ -629,6 +631,7 @@ impl Sqp<'_> {
                 equality_values: &[],
                 inequalities: &self.here.inequality_jacobian,
                 inequality_values: &self.here.inequalities,
+                deadline: self.settings.deadline,
             }
             .solve();
             let Ok(step) = step else { return Err(SqpStatus::QpFailed) };

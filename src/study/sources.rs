@@ -1,6 +1,6 @@
 //! The three texts that a study is made of: from files, or from the manifest of a run.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +56,7 @@ fn parse(file: &SourceFile) -> Result<StudyFile> {
 }
 
 /// Reads a file that a study names; if it is not there the error points at the key.
-fn named(study: &SourceFile, key: &str, path: &PathBuf) -> Result<SourceFile> {
+fn named(study: &SourceFile, key: &str, path: &Path) -> Result<SourceFile> {
     SourceFile::read(path).map_err(|error| match &error {
         Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound => {
             let help = miette::Diagnostic::help(&error).map(|h| h.to_string());

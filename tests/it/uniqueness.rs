@@ -80,7 +80,7 @@ fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction
     let solution =
         Solution { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, iterate: &iterate };
     let means = solution.mean_activations();
-    let intervals = activation_intervals(&problem, &iterate, &means, &null);
+    let intervals = activation_intervals(&problem, &iterate, &means, &null, Default::default());
     // How far each null direction may go before an activation leaves 0 … 1: nothing beyond the interval.
     let mut reached = 0;
     for direction in null.iter().flat_map(|d| [d.clone(), d.iter().map(|v| -v).collect()]) {
