@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
+use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, SourceFile};
@@ -137,7 +138,7 @@ pub struct JobName {
     pub job_id: String,
     pub index: i64,
     /// Its swept values.
-    pub swept: BTreeMap<String, String>,
+    pub swept: IndexMap<String, String>,
 }
 
 impl std::fmt::Display for JobName {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use comfy_table::{Table, presets::NOTHING};
 
+use super::show::wrapped;
 use super::{GOOD, print};
 use crate::error::Result;
 use crate::run::default_folder;
@@ -54,7 +55,7 @@ pub fn plan(path: &Path, out: Option<PathBuf>, all: bool) -> Result<u8> {
     let mut table = Table::new();
     table.load_preset(NOTHING);
     let axes = study.axes.iter().map(String::as_str);
-    table.set_header(["job", "id"].into_iter().chain(axes).chain(["points", "why"]));
+    table.set_header(["job", "id"].into_iter().chain(axes).chain(["points", "why"]).map(wrapped));
     let shown = if all { study.jobs.len() } else { FIRST };
     for (job, reason) in study.jobs.iter().zip(&reasons).take(shown) {
         let swept = job.swept.iter().map(|value| value.as_ref().map_or("–".to_owned(), ToString::to_string));

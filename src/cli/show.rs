@@ -69,13 +69,18 @@ fn counts(jobs: &Table) {
 fn grid(header: Vec<String>) -> Grid {
     let columns = header.len();
     let mut grid = Grid::new();
-    grid.load_preset(NOTHING).set_header(header);
+    grid.load_preset(NOTHING).set_header(header.iter().map(|name| wrapped(name)));
     for column in 1..columns {
         if let Some(column) = grid.column_mut(column) {
             column.set_cell_alignment(CellAlignment::Right);
         }
     }
     grid
+}
+
+/// A column's name for a table: a path of the model takes a line for each of its parts.
+pub fn wrapped(name: &str) -> String {
+    name.replace('.', ".\n")
 }
 
 /// A deficiency as the thesis prints it: 0, −1, …

@@ -211,6 +211,7 @@ impl Desk<'_> {
             line: Vec<u8>,
         }
         let (send, receive) = mpsc::sync_channel::<Finished>(WAITING);
+        let (stop, at_failure) = (self.stop, self.on_failure == OnFailure::Stop);
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 pool.install(|| {
@@ -218,10 +219,13 @@ impl Desk<'_> {
                         let hand_in = |job: &Job, outcome: Outcome, retried: bool| {
                             let line = store::line(&job.id, &outcome, retried);
                             let (status, error) = (outcome.job.status, outcome.job.error);
+                            if at_failure && status != Status::Converged {
+                                stop.store(true, Ordering::Relaxed);
+                            }
                             // The receiver hangs up only when the disk fails; then nothing is left to say.
                             let _ = send.send(Finished { index: job.index, status, error, line });
                         };
-                        if !self.stop.load(Ordering::Relaxed) {
+                        if !stop.load(Ordering::Relaxed) {
                             work(piece, &hand_in);
                         }
                     });
@@ -242,10 +246,7 @@ impl Desk<'_> {
                 }
                 for (index, status, error) in news {
                     self.progress.finished(index, status, error.as_deref());
-                    if status != Status::Converged && self.on_failure == OnFailure::Stop {
-                        self.failure = true;
-                        self.stop.store(true, Ordering::Relaxed);
-                    }
+                    self.failure |= at_failure && status != Status::Converged;
                 }
             }
             self.progress.end();

@@ -28,7 +28,7 @@ pub struct StudyFile {
     pub motion: String,
     /// Fixed values.
     #[serde(default)]
-    #[schemars(schema_with = "fixed_values")]
+    #[schemars(with = "FixedValues")]
     pub base: toml::Table,
     /// What varies. Several, as [[sweep]], follow one another; jobs that were there already are left out.
     #[serde(default)]
@@ -53,29 +53,33 @@ pub struct Sweep {
     pub group: IndexMap<String, Sweep>,
     /// Explicit jobs, a table each.
     #[serde(default)]
-    #[schemars(schema_with = "list")]
+    #[schemars(with = "Jobs")]
     pub list: Vec<toml::Table>,
     /// Every combination; the first axis turns slowest.
-    #[schemars(schema_with = "axes")]
+    #[serde(default)]
+    #[schemars(with = "Axes")]
     pub grid: Option<toml::Table>,
     /// The base, and each value of each axis alone.
-    #[schemars(schema_with = "axes")]
+    #[serde(default)]
+    #[schemars(with = "Axes")]
     pub star: Option<toml::Table>,
     /// Side by side, all of one length.
-    #[schemars(schema_with = "axes")]
+    #[serde(default)]
+    #[schemars(with = "Axes")]
     pub zip: Option<toml::Table>,
     /// Keep only what matches all keys of one of these.
     #[serde(default)]
-    #[schemars(schema_with = "conditions")]
+    #[schemars(with = "Conditions")]
     pub when: Vec<toml::Table>,
     /// Leave out what matches all keys of one of these.
     #[serde(default)]
-    #[schemars(schema_with = "conditions")]
+    #[schemars(with = "Conditions")]
     pub exclude: Vec<toml::Table>,
 }
 
 /// Seeded draws: of each parameter a value from a range or a list.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[schemars(extend("additionalProperties" = false))]
 pub struct Sample {
     #[schemars(range(min = 1, max = 1_000_000))]
     pub count: usize,
@@ -203,6 +207,25 @@ impl<T: JsonSchema> JsonSchema for OneOrMany<T> {
     }
 }
 
+/// Schemas of tables whose keys are the names that a study may set.
+macro_rules! tables_of_names {
+    ($($name:ident = $schema:ident),+) => {
+        $(
+            struct $name;
+            impl JsonSchema for $name {
+                fn schema_name() -> std::borrow::Cow<'static, str> {
+                    stringify!($name).into()
+                }
+                fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+                    $schema(generator)
+                }
+            }
+        )+
+    };
+}
+
+tables_of_names!(FixedValues = fixed_values, Jobs = jobs, Axes = axes, Conditions = conditions);
+
 /// The JSON Schema of a study file, for editors.
 pub fn schema() -> serde_json::Value {
     schemars::schema_for!(StudyFile).to_value()
@@ -245,7 +268,7 @@ fn fixed_values(generator: &mut SchemaGenerator) -> Schema {
     schema
 }
 
-fn list(generator: &mut SchemaGenerator) -> Schema {
+fn jobs(generator: &mut SchemaGenerator) -> Schema {
     let job = names(generator, serde_json::Value::clone);
     json_schema!({ "type": "array", "items": job, "minItems": 1 })
 }
@@ -276,7 +299,11 @@ fn draws(generator: &mut SchemaGenerator) -> Schema {
         generator,
         |value| serde_json::json!({ "anyOf": [{ "type": "array", "items": value, "minItems": 1 }, range] }),
     );
-    schema.remove("additionalProperties"); // count, seed and method are beside them
+    // Count, seed and method are beside them; the seed is that of the samples here.
+    schema.remove("additionalProperties");
+    if let Some(properties) = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut) {
+        properties.remove("seed");
+    }
     schema
 }
 

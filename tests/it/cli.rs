@@ -65,12 +65,9 @@ fn failed_jobs_give_exit_code_1() {
 
 #[test]
 fn shipped_files_check_clean() {
-    let mut files: Vec<String> = Vec::new();
-    for sub in ["studies", "data/models"] {
-        for entry in std::fs::read_dir(root().join(sub)).unwrap() {
-            files.push(entry.unwrap().path().to_str().unwrap().to_owned());
-        }
-    }
+    let models = std::fs::read_dir(root().join("data/models")).unwrap().map(|entry| entry.unwrap().path());
+    let paths = models.chain(super::sweeps::shipped());
+    let files: Vec<String> = paths.map(|path| path.to_str().unwrap().to_owned()).collect();
     assert!(files.len() >= 5);
     let arguments: Vec<&str> = ["check"].into_iter().chain(files.iter().map(String::as_str)).collect();
     let check = sinew(&arguments, root());
@@ -79,7 +76,7 @@ fn shipped_files_check_clean() {
 
 #[test]
 fn help_has_examples() {
-    for command in ["plan", "run", "show", "check"] {
+    for command in ["plan", "run", "merge", "status", "show", "compare", "slurm", "schema", "check"] {
         let help = sinew(&[command, "--help"], root());
         assert_eq!(help.status.code(), Some(0));
         assert!(text(&help.stdout).contains("Example"), "{command}");

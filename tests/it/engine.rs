@@ -12,7 +12,7 @@ use sinew::warm::Answer;
 use super::support::{SMALL, folder, study};
 
 /// All tables of a folder without the columns that are times taken.
-fn tables(out: &std::path::Path) -> Vec<Table> {
+pub fn tables(out: &std::path::Path) -> Vec<Table> {
     schema::TABLES
         .into_iter()
         .filter(|name| out.join(format!("{name}.parquet")).exists())

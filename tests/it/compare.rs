@@ -1,0 +1,159 @@
+//! Baselines: exactly what differs is reported, with the exit code that says so.
+
+use std::path::Path;
+
+use sinew::tables::{Table, Values, Writer, read, schema};
+
+use super::cli::{sinew, text};
+use super::support::{SMALL, folder};
+
+fn json(folder: &Path, arguments: &[&str]) -> (i32, serde_json::Value, String) {
+    let arguments = [&["compare", "results/small", "base", "--json", "c.json", "--junit", "c.xml"], arguments].concat();
+    let run = sinew(&arguments, folder);
+    let found = std::fs::read(folder.join("c.json")).map(|bytes| serde_json::from_slice(&bytes).unwrap());
+    (run.status.code().unwrap(), found.unwrap_or_default(), text(&run.stdout) + &text(&run.stderr))
+}
+
+/// Rewrites a table of a folder.
+fn alter(folder: &Path, name: &'static str, change: impl FnOnce(&mut Table)) {
+    let path = folder.join(format!("{name}.parquet"));
+    let mut table = read(name, &path).unwrap();
+    change(&mut table);
+    let mut writer = Writer::new(&path, Vec::new());
+    writer.append(&table).unwrap();
+    writer.finish().unwrap();
+}
+
+fn column<'t>(table: &'t mut Table, name: &str) -> &'t mut Values {
+    &mut table.columns.iter_mut().find(|(column, _)| column == name).unwrap().1
+}
+
+#[test]
+fn exactly_the_altered_cells_are_reported() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let at = folder.path();
+    assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));
+    let accepted = sinew(&["compare", "results/small", "base", "--accept"], at);
+    assert_eq!(accepted.status.code(), Some(0), "{}", text(&accepted.stderr));
+    let names = ["jobs", "regularity", "muscles"];
+    assert!(names.iter().all(|name| at.join(format!("base/{name}.parquet")).exists()));
+    let (code, found, _) = json(at, &[]);
+    assert_eq!((code, &found["drift"]), (0, &false.into()));
+
+    // One number, one rank, one flag, one text, one number within tolerance.
+    alter(&at.join("base"), "muscles", |t| match (column(t, "mean_force_n"), 7) {
+        (Values::Number(values), row) => values[row] = values[row].map(|v| v * 1.001 + 0.01),
+        _ => unreachable!(),
+    });
+    alter(&at.join("base"), "regularity", |t| {
+        let Values::Integer(ranks) = column(t, "deficiency_a") else { unreachable!() };
+        ranks[2] = ranks[2].map(|d| d + 1);
+        let Values::Flag(flags) = column(t, "loads_unique") else { unreachable!() };
+        flags[4] = flags[4].map(|f| !f);
+    });
+    alter(&at.join("base"), "jobs", |t| {
+        let Values::Number(objectives) = column(t, "objective") else { unreachable!() };
+        objectives[0] = objectives[0].map(|v| v * (1.0 + 1e-8));
+        objectives[5] = None;
+    });
+    let (code, found, shown) = json(at, &[]);
+    assert_eq!(code, 1, "{shown}");
+    assert_eq!(found["counts"]["changed_cells"], 4, "{found:#}");
+    let mut cells: Vec<String> = Vec::new();
+    for job in found["jobs"].as_array().unwrap() {
+        for cell in job["cells"].as_array().unwrap() {
+            let text = |key: &str| cell[key].as_str().unwrap_or("null").to_owned();
+            cells.push(format!("{} {}[{}].{}", job["index"], text("table"), text("row"), text("column")));
+        }
+    }
+    cells.sort();
+    let muscle = read("muscles", &at.join("base/muscles.parquet")).unwrap().text("muscle", 7).unwrap().to_owned();
+    let mut expected = vec![
+        format!("1 muscles[{muscle}].mean_force_n"),
+        "2 regularity[].deficiency_a".to_owned(),
+        "4 regularity[].loads_unique".to_owned(),
+        "5 jobs[].objective".to_owned(),
+    ];
+    expected.sort();
+    assert_eq!(cells, expected);
+    assert!(shown.contains("is not the file that its manifest speaks of"), "a warning, no refusal: {shown}");
+    let junit = std::fs::read_to_string(at.join("c.xml")).unwrap();
+    assert!(junit.contains("tests=\"6\"") && junit.matches("<failure").count() == 4, "{junit}");
+
+    // Tolerances by column, from the command line and from a file beside the baseline.
+    let (_, found, _) = json(at, &["--tolerance", "mean_force_n=0.1", "--tolerance", "objective=ignore"]);
+    assert_eq!(found["counts"]["changed_cells"], 2);
+    std::fs::write(at.join("base/tolerances.toml"), "\"jobs.objective\" = \"exact\"\nloads_unique = \"ignore\"\n")
+        .unwrap();
+    let (_, found, _) = json(at, &[]);
+    assert_eq!(found["counts"]["changed_cells"], 4, "objective of job 0 for loads_unique: {found:#}");
+    std::fs::write(at.join("base/tolerances.toml"), "objective = \"about\"\n").unwrap();
+    let (code, _, shown) = json(at, &[]);
+    assert!(code == 2 && shown.contains("tolerances.toml:1") && shown.contains("\"exact\""), "{shown}");
+    std::fs::remove_file(at.join("base/tolerances.toml")).unwrap();
+
+    let (code, ..) = json(at, &["--accept"]);
+    assert_eq!(code, 0);
+    assert_eq!(json(at, &[]).0, 0, "accepted");
+    let report = std::fs::read_to_string(at.join("c.xml")).unwrap();
+    assert!(report.contains("failures=\"0\""));
+}
+
+#[test]
+fn jobs_that_are_new_missing_or_newly_failed_are_told_apart() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let at = folder.path();
+    assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));
+    assert_eq!(sinew(&["compare", "results/small", "base", "--accept"], at).status.code(), Some(0));
+    // mu = 0.4 goes, 0.8 comes.
+    std::fs::write(
+        at.join("study.toml"),
+        std::fs::read_to_string(at.join("study.toml")).unwrap().replace("0.4]", "0.8]"),
+    )
+    .unwrap();
+    assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));
+    alter(&at.join("results/small"), "jobs", |t| {
+        let Values::Text(status) = column(t, "status") else { unreachable!() };
+        status[1] = Some("stalled".to_owned());
+        let Values::Text(error) = column(t, "error") else { unreachable!() };
+        error[1] = Some("by hand".to_owned());
+    });
+    let (code, found, shown) = json(at, &[]);
+    assert_eq!(code, 1);
+    let count = |class: &str| found["counts"][class].as_i64().unwrap();
+    let counts = ["unchanged", "changed", "new", "missing", "newly_failed"].map(count);
+    assert_eq!(counts, [3, 0, 2, 2, 1], "{shown}");
+    assert!(
+        shown.contains("newly failed: stalled") && shown.contains("by hand") && shown.contains("mu = 0.8"),
+        "{shown}"
+    );
+}
+
+#[test]
+fn other_columns_have_no_hidden_difference() {
+    // Each column in turn is made different in one row: it is reported, or it is one of those that are ignored.
+    let folder = folder(&[("study.toml", SMALL)]);
+    let at = folder.path();
+    assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));
+    assert_eq!(sinew(&["compare", "results/small", "base", "--accept"], at).status.code(), Some(0));
+    let tolerances = sinew::compare::Tolerances::read(&at.join("base"), &[]).unwrap();
+    for name in ["jobs", "regularity", "muscles"] {
+        let path = at.join(format!("base/{name}.parquet"));
+        let kept = std::fs::read(&path).unwrap();
+        let columns = read(name, &path).unwrap().columns;
+        for (altered, _) in columns.iter().filter(|(column, _)| column != "job_id" && column != "muscle") {
+            alter(&at.join("base"), name, |t| match column(t, altered) {
+                Values::Number(v) => v[1] = Some(v[1].map_or(1.0, |x| 2.0 * x + 1.0)),
+                Values::Integer(v) => v[1] = Some(v[1].map_or(1, |x| 2 * x + 10)),
+                Values::Flag(v) => v[1] = v[1].map(|x| !x).or(Some(true)),
+                Values::Text(v) => v[1] = Some("other".to_owned()),
+            });
+            let found = sinew::compare::compare(&at.join("results/small"), &at.join("base"), &tolerances).unwrap();
+            let ignored =
+                schema::TIMINGS.contains(&altered.as_str()) || ["index", "error", "remark"].contains(&altered.as_str());
+            assert_eq!(found.drifted(), !ignored, "{name}.{altered}");
+            assert_eq!(found.counts()["changed_cells"], usize::from(!ignored), "{name}.{altered}");
+            std::fs::write(&path, &kept).unwrap();
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! Nothing finished is lost or wrong: kills, full disks, shards, manifests, failures.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use rand::{RngExt, SeedableRng};
+use sinew::outcome::{Outcome, Status};
+use sinew::run::{Ended, RunOptions, Shard, collect, run, run_with};
+use sinew::solve::solve_from;
+use sinew::study::Study;
+use sinew::tables::read;
+
+use super::cli::{sinew, text};
+use super::engine::tables;
+use super::support::{SMALL, folder, root, study};
+
+/// Long enough that a kill in the middle interrupts work: 36 jobs of some 40 ms.
+const LONG: &str = r#"
+name = "long"
+model = "{root}/data/models/arm.toml"
+motion = "{root}/data/motions/arm_curl.csv"
+[base]
+trajectories = true
+[sweep.grid]
+bounds = ["activation", "both", "excitation"]
+mu = { from = 0.05, to = 0.5, count = 12 }
+[[ratio]]
+name = "flexors"
+numerator = "biceps"
+denominator = "brachialis"
+"#;
+
+fn begin(folder: &Path, out: &str) -> std::process::Child {
+    Command::new(env!("CARGO_BIN_EXE_sinew"))
+        .args(["run", "study.toml", "--jobs", "1", "--out", out])
+        .current_dir(folder)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+#[test]
+fn twenty_kills_at_any_instant_change_nothing() {
+    const ROUNDS: usize = 21;
+    let folder = folder(&[("study.toml", LONG)]);
+    let at = folder.path();
+    let clock = Instant::now();
+    assert!(begin(at, "whole").wait().unwrap().success());
+    let whole_run = clock.elapsed();
+    let whole = tables(&at.join("whole"));
+    assert_eq!(whole.len(), 9);
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(20);
+    let finished =
+        |out: &str| std::fs::read_to_string(at.join(out).join("finished.jsonl")).map_or(0, |t| t.lines().count());
+    let mut interrupted_with = Vec::new();
+    for round in 0..ROUNDS {
+        // One instant in each twenty-first of the run, so that they are spread over all of it.
+        let out = format!("round{round}");
+        let mut share = (round as f64 + rng.random::<f64>()) / ROUNDS as f64;
+        let killed = loop {
+            let _ = std::fs::remove_dir_all(at.join(&out));
+            let mut child = begin(at, &out);
+            std::thread::sleep(whole_run.mul_f64(share));
+            child.kill().unwrap();
+            if !child.wait().unwrap().success() {
+                break finished(&out);
+            }
+            share *= 0.9; // it was faster this time, and had ended: earlier, then
+        };
+        interrupted_with.push(killed);
+        // Sometimes killed once more in the middle of going on.
+        if round % 3 == 0 {
+            let mut child = begin(at, &out);
+            std::thread::sleep(whole_run.mul_f64(0.3 * rng.random::<f64>()));
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
+        assert!(begin(at, &out).wait().unwrap().success(), "round {round}");
+        assert!(tables(&at.join(&out)) == whole, "round {round}, killed with {killed} finished jobs");
+    }
+    eprintln!("killed with so many of 36 jobs finished: {interrupted_with:?}");
+    let in_the_middle = interrupted_with.iter().filter(|&&n| n > 0 && n < 36).count();
+    assert!(in_the_middle > ROUNDS / 2, "{interrupted_with:?}");
+}
+
+#[test]
+fn a_full_disk_loses_nothing_that_is_finished() {
+    let folder = folder(&[("study.toml", LONG)]);
+    let at = folder.path();
+    // Writes fail from so many KB a file on, as on a full disk; the signal that comes with it is ignored.
+    let limited = |kb: usize| {
+        let script =
+            format!("trap '' XFSZ; ulimit -f {kb}; exec {} run study.toml --out out", env!("CARGO_BIN_EXE_sinew"));
+        Command::new("bash").args(["-c", &script]).current_dir(at).output().unwrap()
+    };
+    let mut kept = 0;
+    for kb in [200, 500] {
+        let run = limited(kb);
+        let message = text(&run.stderr);
+        assert_eq!(run.status.code(), Some(2), "{message}");
+        assert!(message.contains("finished.jsonl"), "{message}");
+        let lines = std::fs::read_to_string(at.join("out/finished.jsonl")).unwrap();
+        assert!(lines.lines().count() > kept && lines.ends_with('\n'), "whole lines only");
+        kept = lines.lines().count();
+    }
+    assert_eq!(sinew(&["run", "study.toml", "--out", "out"], at).status.code(), Some(0));
+    assert_eq!(sinew(&["run", "study.toml", "--out", "whole"], at).status.code(), Some(0));
+    assert!(tables(&at.join("out")) == tables(&at.join("whole")));
+}
+
+#[test]
+fn shards_in_any_order_merge_to_the_tables_of_one_run() {
+    let text_of = LONG.replace("[sweep.grid]", "warm_start = 'neighbour'\n[sweep.grid]");
+    let folder = folder(&[("study.toml", &text_of)]);
+    let at = folder.path();
+    assert_eq!(sinew(&["run", "study.toml", "--out", "whole"], at).status.code(), Some(0));
+    let shard = |part: &str| sinew(&["run", "study.toml", "--out", "parts", "--shard", part], at);
+    assert_eq!(shard("2/3").status.code(), Some(0));
+    assert!(!at.join("parts/jobs.parquet").exists(), "merge makes the tables");
+    let merge = || sinew(&["merge", "parts"], at);
+    let early = merge();
+    assert_eq!(early.status.code(), Some(1));
+    assert!(text(&early.stdout).contains("24 job(s) are missing"), "{}", text(&early.stdout));
+    let status = sinew(&["status", "parts"], at);
+    assert!(
+        text(&status.stdout).contains("12 of 36 job(s) finished (12 converged), 24 to do"),
+        "{}",
+        text(&status.stdout)
+    );
+    for part in ["0/3", "1/3", "1/3"] {
+        assert_eq!(shard(part).status.code(), Some(0));
+    }
+    for _ in 0..2 {
+        assert_eq!(merge().status.code(), Some(0), "again and again");
+        assert!(tables(&at.join("parts")) == tables(&at.join("whole")));
+    }
+    // A plan is frozen: shards of another do not mix with it.
+    std::fs::write(
+        at.join("study.toml"),
+        std::fs::read_to_string(at.join("study.toml")).unwrap().replace("0.5,", "0.6,"),
+    )
+    .unwrap();
+    let other = shard("0/3");
+    assert_eq!(other.status.code(), Some(2));
+    assert!(text(&other.stderr).contains("frozen"), "{}", text(&other.stderr));
+    assert_eq!(shard("3/3").status.code(), Some(2), "no such part");
+}
+
+#[test]
+fn a_manifest_alone_runs_the_study_again() {
+    let arm = std::fs::read_to_string(root().join("data/models/arm.toml")).unwrap();
+    let folder =
+        folder(&[("study.toml", &SMALL.replace("{root}/data/models/arm.toml", "arm.toml")), ("arm.toml", &arm)]);
+    let at = folder.path();
+    assert_eq!(sinew(&["run", "study.toml", "--out", "first"], at).status.code(), Some(0));
+    std::fs::create_dir(at.join("elsewhere")).unwrap();
+    std::fs::rename(at.join("first/manifest.json"), at.join("elsewhere/manifest.json")).unwrap();
+    std::fs::remove_file(at.join("study.toml")).unwrap();
+    std::fs::remove_file(at.join("arm.toml")).unwrap();
+    let again = sinew(&["run", "elsewhere/manifest.json", "--out", "second"], at);
+    assert_eq!(again.status.code(), Some(0), "{}", text(&again.stderr));
+    assert!(tables(&at.join("first")) == tables(&at.join("second")));
+    std::fs::write(at.join("broken.json"), "{ \"sources\": 3 }").unwrap();
+    let broken = sinew(&["run", "broken.json"], at);
+    assert_eq!(broken.status.code(), Some(2));
+    assert!(text(&broken.stderr).contains("no manifest of Sinew"), "{}", text(&broken.stderr));
+}
+
+#[test]
+fn plan_says_why_each_job_would_run() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let at = folder.path();
+    let write =
+        |text: &str| std::fs::write(at.join("study.toml"), text.replace("{root}", root().to_str().unwrap())).unwrap();
+    let plan = || text(&sinew(&["plan", "study.toml"], at).stdout);
+    assert!(plan().contains("6 new"), "{}", plan());
+    sinew(&["run", "study.toml"], at);
+    assert!(plan().contains("6 done") && plan().contains("a run solves 0 of them"));
+    write(&SMALL.replace("h = 0.2", "h = 0.1").replace("0.4]", "0.8]"));
+    let changed = plan();
+    assert!(changed.contains("4 changed, 2 new"), "{changed}");
+    assert!(changed.contains("changed: h 0.2 → 0.1"), "{changed}");
+    let arm = std::fs::read_to_string(root().join("data/models/arm.toml")).unwrap();
+    std::fs::write(at.join("arm.toml"), arm.replacen("mass = ", "mass = 1", 1)).unwrap();
+    write(&SMALL.replace("{root}/data/models/arm.toml", "arm.toml"));
+    assert!(plan().contains("changed: the model file"), "{}", plan());
+    write(&SMALL.replace("[sweep.grid]", "max_iterations = 2\n[sweep.grid]"));
+    sinew(&["run", "study.toml"], at);
+    assert!(plan().contains("6 failed before") && plan().contains("iteration_limit"), "{}", plan());
+    // Results of another solver are kept, shown, and renewed on request only.
+    write(SMALL);
+    sinew(&["run", "study.toml"], at);
+    let store = at.join("results/small/finished.jsonl");
+    let lines = std::fs::read_to_string(&store).unwrap();
+    std::fs::write(&store, lines.replace(sinew::SOLVER, "0.0.1+old")).unwrap();
+    assert!(plan().contains("6 done by another solver") && plan().contains("solver 0.0.1+old"), "{}", plan());
+    let run = sinew(&["run", "study.toml"], at);
+    assert!(text(&run.stderr).contains("6 kept result(s) are of solver 0.0.1+old"), "{}", text(&run.stderr));
+    assert!(text(&run.stdout).contains("6 of them from an earlier run"));
+    let run = sinew(&["run", "study.toml", "--outdated"], at);
+    assert!(!text(&run.stdout).contains("from an earlier run"), "{}", text(&run.stdout));
+    assert!(plan().contains("6 done\n"), "{}", plan());
+}
+
+#[test]
+fn another_study_is_not_written_over() {
+    let folder = folder(&[("study.toml", SMALL), ("other.toml", &SMALL.replace("\"small\"", "\"other\""))]);
+    let at = folder.path();
+    assert_eq!(sinew(&["run", "study.toml", "--out", "out"], at).status.code(), Some(0));
+    let other = sinew(&["run", "other.toml", "--out", "out"], at);
+    assert_eq!(other.status.code(), Some(2));
+    assert!(text(&other.stderr).contains("holds the study `small`"), "{}", text(&other.stderr));
+    assert_eq!(sinew(&["run", "other.toml", "--out", "out", "--fresh"], at).status.code(), Some(0));
+}
+
+fn options(out: &Path) -> RunOptions {
+    RunOptions { out: out.to_owned(), threads: Some(1), ..RunOptions::default() }
+}
+
+#[test]
+fn a_study_may_stop_at_its_first_failure() {
+    let folder = folder(&[("study.toml", &format!("on_failure = 'stop'\n{SMALL}"))]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    let fails = AtomicBool::new(true);
+    let solver =
+        |_: &Study, job: &sinew::study::Job, _: Option<&_>| match job.index == 2 && fails.load(Ordering::Relaxed) {
+            true => (Outcome::failed(Status::Stalled, "by hand"), None),
+            false => {
+                let mut outcome = Outcome::failed(Status::Converged, "");
+                outcome.job.error = None;
+                (outcome, None)
+            }
+        };
+    let first = run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
+    assert_eq!((first.ended, first.finished, first.failed), (Ended::FirstFailure, 3, 1));
+    let second = run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
+    assert_eq!((second.finished, second.failed, second.ended), (6, 1, Ended::Complete), "again: on with the others");
+    fails.store(false, Ordering::Relaxed);
+    let calls = AtomicUsize::new(0);
+    let counted = |study: &Study, job: &sinew::study::Job, before: Option<&_>| {
+        calls.fetch_add(1, Ordering::Relaxed);
+        solver(study, job, before)
+    };
+    let again = RunOptions { failed: true, ..options(&out) };
+    let third = run_with(&study, &again, &AtomicBool::new(false), &counted).unwrap();
+    assert_eq!((third.finished, third.failed, calls.into_inner()), (6, 0, 1), "the failed one alone");
+}
+
+#[test]
+fn failed_jobs_are_solved_by_continuation_in_steps() {
+    // A solver that only gets there from nearby: from a start at most 0.15 away in μ.
+    let text = SMALL.replace("mu = [0.1, 0.2, 0.4]", "mu = [0.1, 0.2, 0.4, 5.0]").replace("\"activation\", ", "");
+    let folder = folder(&[("study.toml", &format!("on_failure = 'retry'\n{text}"))]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    let seen = Mutex::new(Vec::new());
+    let at = Mutex::new(f64::NAN);
+    let solver = |study: &Study, job: &sinew::study::Job, before: Option<&sinew::warm::Answer>| {
+        let mu = job.settings.mu;
+        let from = *at.lock().unwrap();
+        seen.lock().unwrap().push((mu, before.is_some()));
+        if mu > 0.15 && (before.is_none() || (mu - from).abs() > 0.12) {
+            return (Outcome::failed(Status::Stalled, "too far"), None);
+        }
+        *at.lock().unwrap() = mu;
+        solve_from(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points, before)
+    };
+    let report = run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
+    assert_eq!((report.finished, report.failed), (4, 1), "{seen:?}");
+    let jobs = read("jobs", &out.join("jobs.parquet")).unwrap();
+    assert_eq!(jobs.text("status", 2), Some("converged"), "0.1 → 0.14 → 0.2 → 0.28 → 0.4 in four steps");
+    assert_eq!(jobs.text("warm_start_from", 2), Some(study.jobs[0].id.as_str()));
+    assert!(
+        jobs.text("remark", 2).unwrap().contains("continuation from job 0 in 4 step(s)"),
+        "{:?}",
+        jobs.text("remark", 2)
+    );
+    assert!(
+        jobs.text("error", 3).unwrap().contains("continuation from job(s) 0 did not help"),
+        "{:?}",
+        jobs.text("error", 3)
+    );
+    let before = seen.lock().unwrap().len();
+    run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
+    assert_eq!(seen.lock().unwrap().len(), before, "what was tried again is not tried a third time");
+}
+
+#[test]
+fn a_time_limit_stops_the_job() {
+    let text = SMALL
+        .replace("h = 0.2\nregularity = \"optimum\"", "h = 0.002\nregularity = \"every_iteration\"\ntime_limit_s = 0.5")
+        .replace("mu = [0.1, 0.2, 0.4]", "mu = [0.1]")
+        .replace("bounds = [\"activation\", \"both\"]", "scheme = [\"midpoint\", \"radau\"]");
+    let folder = folder(&[("study.toml", &text)]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    let clock = Instant::now();
+    let report = run(&study, &options(&out), &AtomicBool::new(false)).unwrap();
+    assert_eq!(report.failed, 2);
+    let jobs = read("jobs", &out.join("jobs.parquet")).unwrap();
+    assert!((0..2).all(|row| jobs.text("status", row) == Some("time_limit")));
+    // Without the limit these take half a minute.
+    assert!(clock.elapsed() < Duration::from_secs(8), "{:?}", clock.elapsed());
+}
+
+#[test]
+fn merging_needs_no_solver_and_shards_cover_a_study_once() {
+    let folder = folder(&[("study.toml", LONG)]);
+    let (_, study) = study(&folder);
+    let out = folder.path().join("out");
+    let count = AtomicUsize::new(0);
+    for index in 0..5 {
+        let shard = Some(Shard { index, count: 5 });
+        let solver = |_: &Study, _: &sinew::study::Job, _: Option<&_>| {
+            count.fetch_add(1, Ordering::Relaxed);
+            (Outcome::failed(Status::Invalid, "not solved in this test"), None)
+        };
+        run_with(&study, &RunOptions { shard, ..options(&out) }, &AtomicBool::new(false), &solver).unwrap();
+    }
+    assert_eq!(count.into_inner(), 36);
+    let (_, collected) = collect::merge(&out).unwrap();
+    assert_eq!((collected.finished(), collected.failed(), collected.jobs), (36, 36, 36));
+}
