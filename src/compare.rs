@@ -19,6 +19,9 @@ const ACCEPTED: [&str; 4] = ["jobs", "regularity", "muscles", "ratios"];
 /// Beside a baseline: tolerances of its own, by column or `table.column`.
 const TOLERANCES: &str = "tolerances.toml";
 
+/// In place of a column: every one that is not ignored.
+const EVERY: &str = "*";
+
 /// How far a value may be from its baseline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tolerance {
@@ -128,7 +131,9 @@ impl Tolerances {
 
     fn of(&self, table: &str, column: &str, values: &Values) -> Tolerance {
         let own = self.0.get(&format!("{table}.{column}")).or_else(|| self.0.get(column));
-        own.copied().unwrap_or_else(|| Tolerance::usual(column, values))
+        let usual = Tolerance::usual(column, values);
+        let general = self.0.get(EVERY).filter(|_| usual != Tolerance::Ignored);
+        *own.or(general).unwrap_or(&usual)
     }
 }
 

@@ -97,6 +97,7 @@ Ctrl-C keeps everything finished; run the same command again to go on.")]
   sinew compare results/nightly results/baselines/nightly
   sinew compare results/nightly results/baselines/nightly --junit report.xml --json report.json
   sinew compare results/nightly results/baselines/nightly --tolerance mean_force_n=1e-4 --tolerance iterations=ignore
+  sinew compare results/one results/other --tolerance '*=exact'           the same to the last digit, but for times
   sinew compare results/nightly results/baselines/nightly --accept       these are right from now on
 
 Ranks, statuses and counts are exact, numbers to 1e-6; a file tolerances.toml in the baseline may say otherwise by column.")]

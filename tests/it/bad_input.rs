@@ -14,7 +14,9 @@ struct Mistake {
 
 fn study(name: &'static str, from: &str, to: &str, says: &'static [&'static str]) -> Mistake {
     assert!(SMALL.contains(from), "{name}");
-    Mistake { name, study: SMALL.replace(from, to), model: None, motion: None, says }
+    let text = SMALL.replace(from, to);
+    let text = if name.contains("several sweeps") { text.replace("both", "bth") } else { text };
+    Mistake { name, study: text, model: None, motion: None, says }
 }
 
 fn model(name: &'static str, from: &str, to: &str, says: &'static [&'static str]) -> Mistake {
@@ -75,6 +77,96 @@ fn mistakes() -> Vec<Mistake> {
             "mu = [",
             "\"motion.elbw_angle_scale\" = [",
             &["elbw_angle", "did you mean `elbow_angle`"],
+        ),
+        study(
+            "a wildcard that fits nothing",
+            "mu = [",
+            "\"muscle.x*.optimal_fibre_length\" = [",
+            &["nothing in the model fits `muscle.x*`"],
+        ),
+        study(
+            "an unknown kind of sweep",
+            "[sweep.grid]",
+            "[sweep.gird]",
+            &["study.toml:8", "unknown field `gird`", "did you mean `grid`"],
+        ),
+        study(
+            "axes of a zip of two lengths",
+            "[sweep.grid]",
+            "[sweep.zip]",
+            &["sweep.zip.bounds", "2 values beside 3 of `mu`", "all the same length"],
+        ),
+        study(
+            "samples without a seed",
+            "[sweep.grid]",
+            "[sweep.sample]\ncount = 3\nmu = [1]\n[sweep.grid]",
+            &["missing field `seed`", "add the key `seed`"],
+        ),
+        study(
+            "an unknown way of sampling",
+            "[sweep.grid]",
+            "[sweep.sample]\ncount = 3\nseed = 1\nmethod = 'sobl'\nh = [0.2]\n[sweep.grid]",
+            &["unknown variant `sobl`", "did you mean `sobol`"],
+        ),
+        study(
+            "a log range through zero",
+            "mu = [0.1, 0.2, 0.4]",
+            "mu = { from = 0, to = 1, count = 3, scale = 'log' }",
+            &["study.toml:9", "a log range from 0 to 1", "above 0"],
+        ),
+        study(
+            "a range without count",
+            "mu = [0.1, 0.2, 0.4]",
+            "mu = { from = 0, to = 1 }",
+            &["sweep.grid.mu", "no `count`", "count = 5"],
+        ),
+        study(
+            "a billion jobs",
+            "[sweep.grid]",
+            "[sweep.grid]\nseed = { from = 1, to = 999999, count = 999999 }",
+            &["jobs and more; 1000000 are the most"],
+        ),
+        study(
+            "conditions that leave nothing",
+            "[sweep.grid]",
+            "[[sweep.exclude]]\nbounds = ['activation', 'both']\n[sweep.grid]",
+            &["sweep.exclude", "leave no job"],
+        ),
+        study(
+            "a condition on nothing",
+            "[sweep.grid]",
+            "[[sweep.when]]\nbound = 'both'\n[sweep.grid]",
+            &["`bound`, which no job has", "did you mean `bounds`"],
+        ),
+        study(
+            "an axis in two kinds",
+            "[sweep.grid]",
+            "[sweep.zip]\nmu = [1]\n[sweep.grid]",
+            &["`mu` is swept twice", "once"],
+        ),
+        study(
+            "a mistake in one of several sweeps",
+            "[sweep.grid]",
+            "[[sweep]]\n[sweep.grid]\nmu = [1]\n[[sweep]]\n[sweep.grid]",
+            &["study.toml:13", "sweep.1.grid.bounds", "bth"],
+        ),
+        study(
+            "a ratio of no muscle",
+            "[base]",
+            "[[ratio]]\nname = 'r'\nnumerator = 'bicep'\ndenominator = 'triceps'\n[base]",
+            &["study.toml:7", "no muscle is called `bicep`", "did you mean `biceps`"],
+        ),
+        study(
+            "an unknown measure",
+            "[base]",
+            "[[ratio]]\nname = 'r'\nnumerator = 'biceps'\ndenominator = 'triceps'\nmeasure = 'meanforce'\n[base]",
+            &["unknown variant `meanforce`", "did you mean `mean_force`"],
+        ),
+        study(
+            "an unknown policy",
+            "name =",
+            "on_failure = 'rety'\nname =",
+            &["unknown variant `rety`", "did you mean `retry`"],
         ),
         model("unknown model key", "mass =", "mas =", &["arm.toml", "unknown field `mas`", "did you mean `mass`"]),
         model("negative mass", "mass = ", "mass = -", &["body.upper_arm.mass", "found -", "positive number (kg)"]),
