@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, SourceFile};
 use crate::run::manifest::Manifest;
+use crate::study::sweep::SAMPLE;
 use crate::tables::{self, Table, Values, schema};
 
 /// Tables that a new baseline gets: small, and enough to see drift.
@@ -297,7 +298,10 @@ impl Side {
 
     fn name(&self, row: usize) -> JobName {
         let jobs = self.jobs();
-        let axes = schema::axes(jobs);
+        let mut axes = schema::axes(jobs);
+        if axes.iter().any(|axis| axis == SAMPLE) {
+            axes.retain(|axis| axis == SAMPLE); // its number says it all
+        }
         JobName {
             job_id: jobs.text("job_id", row).unwrap_or_default().to_owned(),
             index: jobs.integer("index", row).unwrap_or(-1),
@@ -498,6 +502,7 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
     }
     if let Some(mut manifest) = Manifest::read(folder)? {
         manifest.files.retain(|name, _| names.contains(name));
+        manifest.jobs.clear(); // the table of jobs says it all
         manifest.write(baseline)?;
     }
     Ok(names)

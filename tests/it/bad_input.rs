@@ -148,7 +148,7 @@ fn mistakes() -> Vec<Mistake> {
             "a mistake in one of several sweeps",
             "[sweep.grid]",
             "[[sweep]]\n[sweep.grid]\nmu = [1]\n[[sweep]]\n[sweep.grid]",
-            &["study.toml:13", "sweep.1.grid.bounds", "bth"],
+            &["study.toml:14", "sweep.1.grid.bounds", "bth"],
         ),
         study(
             "a ratio of no muscle",
