@@ -21,7 +21,7 @@
 //! uniqueness.rs   how far an answer that is not unique may move; sensitivities
 //! solve.rs        one job → outcome, the pipeline on one screen. No disk, no printing.
 //! outcome.rs      the rows that a job leaves
-//! run/            jobs in parallel, kept as they finish
+//! run/            jobs in parallel, kept as they finish; shards, retries, manifest; why a job would run
 //! tables/         the columns, Parquet
 //! compare.rs      results against a baseline, from the tables alone
 //! table1.rs       results beside the thesis' Table 1

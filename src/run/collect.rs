@@ -86,6 +86,10 @@ pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<C
 pub fn merge(folder: &Path) -> Result<(Study, Collected)> {
     let study = planned(folder)?;
     let mut store = Store::read(folder, true)?;
+    if !store.has_files() {
+        let reason = "no run has finished anything here (there is no finished….jsonl in it)";
+        return Err(Error::table("merge", folder, reason));
+    }
     if store.damaged > 0 {
         eprintln!("note: {} damaged line(s) in {} passed over", store.damaged, folder.display());
     }

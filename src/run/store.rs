@@ -214,6 +214,11 @@ impl Store {
         unreachable!("some attempt gets its lock")
     }
 
+    /// Whether any run has begun to keep results in the folder.
+    pub fn has_files(&self) -> bool {
+        !self.files.is_empty()
+    }
+
     /// Whether some process is writing in the folder.
     pub fn at_work(folder: &Path) -> bool {
         let locked = |path: &PathBuf| {

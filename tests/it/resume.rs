@@ -138,6 +138,9 @@ fn shards_in_any_order_merge_to_the_tables_of_one_run() {
         assert_eq!(merge().status.code(), Some(0), "again and again");
         assert!(tables(&at.join("parts")) == tables(&at.join("whole")));
     }
+    std::fs::create_dir(at.join("base")).unwrap();
+    assert_eq!(sinew(&["compare", "parts", "base", "--accept"], at).status.code(), Some(0));
+    assert_eq!(sinew(&["merge", "base"], at).status.code(), Some(2), "a baseline is not written over");
     // A plan is frozen: shards of another do not mix with it.
     std::fs::write(
         at.join("study.toml"),
