@@ -11,6 +11,7 @@
 //! ```text
 //! study/          study file → axes → jobs; identity of a job. Pure.
 //! model/          bodies, joints, musculotendons, paths: file → checked model
+//! skeleton/       a spatial model by its joint coordinates: frames, paths around surfaces, moment arms
 //! motion/         joint coordinates over time: file → measured body coordinates
 //! transcription/  (model, measurement, settings) → a sparse nonlinear problem
 //! guess.rs        start guess by inverse dynamics
@@ -49,6 +50,7 @@ pub mod nlp;
 pub mod numerics;
 pub mod outcome;
 pub mod run;
+pub mod skeleton;
 pub mod solution;
 pub mod solve;
 pub mod study;

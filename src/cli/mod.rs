@@ -2,6 +2,7 @@
 
 mod check;
 mod compare;
+mod moment_arms;
 mod plan;
 mod run;
 mod show;
@@ -139,6 +140,22 @@ The folder must be on a file system that all nodes share.")]
         #[arg(long)]
         all: bool,
     },
+    /// Lengths and moment arms of all muscles of a spatial model in given poses
+    #[command(after_help = "Examples:
+  sinew moment-arms data/models/upper_limb.toml poses.csv
+  sinew moment-arms data/models/upper_limb.toml poses.csv --out arms.parquet
+
+Poses are rows of joint coordinates, columns such as shoulder_elv_deg; coordinates without a column keep their default.
+A moment arm is −∂L/∂q of one coordinate alone, in m.")]
+    MomentArms {
+        /// Spatial model (.toml)
+        model: PathBuf,
+        /// Poses (.csv)
+        poses: PathBuf,
+        /// File to write, .csv or .parquet [default: CSV to the terminal]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
     /// Look for mistakes in study, model and motion files
     #[command(after_help = "Examples:
   sinew check studies/table1.toml
@@ -175,6 +192,7 @@ pub fn main() -> ExitCode {
             compare::compare(&dir, &baseline, &compare::Options { tolerances: tolerance, json, junit, accept })
         }
         Command::Slurm(arguments) => slurm::slurm(&arguments),
+        Command::MomentArms { model, poses, out } => moment_arms::moment_arms(&model, &poses, out.as_deref()),
         Command::Schema => {
             print(&format!("{:#}", crate::study::file::schema()));
             Ok(GOOD)

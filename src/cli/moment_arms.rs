@@ -1,0 +1,124 @@
+//! `sinew moment-arms`: lengths and moment arms of all muscles of a spatial model in given poses.
+
+use std::path::Path;
+
+use super::{GOOD, print};
+use crate::error::{Error, Result, SourceFile, nearest};
+use crate::skeleton::Skeleton;
+use crate::skeleton::file::SkeletonFile;
+use crate::tables::{Table, Values, Writer};
+
+pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8> {
+    let skeleton = SkeletonFile::load(&SourceFile::read(model)?)?;
+    let poses = read_poses(&SourceFile::read(poses)?, &skeleton)?;
+    let table = table(&skeleton, &poses);
+    match out {
+        None => print(csv(&table)?.trim_end()),
+        Some(path) => {
+            match path.extension().and_then(|e| e.to_str()) {
+                Some("csv") => std::fs::write(path, csv(&table)?).map_err(|e| Error::io("write", path, e))?,
+                Some("parquet") => {
+                    let mut writer = Writer::new(path, vec![("sinew.model".to_owned(), skeleton.name.clone())]);
+                    writer.append(&table)?;
+                    writer.finish()?;
+                }
+                _ => return Err(Error::table("write", path, "the file ends in .csv or .parquet")),
+            }
+            print(&format!("{} pose(s), {} muscle(s): {}", poses.len(), skeleton.muscles.len(), path.display()));
+        }
+    }
+    Ok(GOOD)
+}
+
+/// Rows of coordinates, in the model's order; those that have no column keep their default.
+fn read_poses(file: &SourceFile, skeleton: &Skeleton) -> Result<Vec<Vec<f64>>> {
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_reader(file.text.trim_start_matches('\u{feff}').as_bytes());
+    let wrong = |line: u64, message: String, help: &str| {
+        file.error(file.line_span(line as usize), format!("line {line}: {message}"), "here", Some(help.to_owned()))
+    };
+    let header = reader.headers().map_err(|e| wrong(1, e.to_string(), "the first line names the columns"))?.clone();
+    // (coordinate, factor to SI) of each column
+    let mut columns: Vec<Option<(usize, f64)>> = Vec::new();
+    for name in &header {
+        let unit = [("_deg", 1f64.to_radians(), true), ("_rad", 1.0, true), ("_m", 1.0, false)];
+        let found = unit.iter().find_map(|(ending, factor, is_angle)| {
+            let index = skeleton.coordinate(name.strip_suffix(ending)?)?;
+            (skeleton.coordinates[index].is_angle == *is_angle).then_some((index, *factor))
+        });
+        if found.is_none() && looks_like_a_coordinate(name) {
+            let known: Vec<String> = skeleton.coordinates.iter().map(column).collect();
+            let near = nearest(name, known.iter().map(String::as_str)).map(|n| format!("did you mean `{n}`? "));
+            let help = format!("{}the model has: {}", near.unwrap_or_default(), known.join(", "));
+            return Err(wrong(1, format!("`{name}` is no coordinate of `{}`", skeleton.name), &help));
+        }
+        columns.push(found);
+    }
+    if columns.iter().all(Option::is_none) {
+        return Err(wrong(1, "no column is a coordinate".to_owned(), "name columns like elbow_flexion_deg"));
+    }
+    let mut poses = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| {
+            let line = e.position().map_or(1, csv::Position::line);
+            wrong(line, e.to_string(), "each row has a value for each column")
+        })?;
+        let line = record.position().map_or(1, csv::Position::line);
+        let mut pose = skeleton.default_pose();
+        for ((text, column), name) in record.iter().zip(&columns).zip(&header) {
+            let Some((index, factor)) = column else { continue };
+            match text.parse::<f64>() {
+                Ok(value) if value.is_finite() => pose[*index] = value * factor,
+                _ => return Err(wrong(line, format!("`{text}` in `{name}` is no number"), "give a finite number")),
+            }
+        }
+        poses.push(pose);
+    }
+    Ok(poses)
+}
+
+/// A column with a unit, and none of those that this command writes itself.
+fn looks_like_a_coordinate(name: &str) -> bool {
+    let own = name == "length_m" || name.starts_with("moment_arm_") || name.starts_with("fd_");
+    !own && ["_deg", "_rad", "_m"].iter().any(|ending| name.ends_with(ending))
+}
+
+fn column(coordinate: &crate::skeleton::Coordinate) -> String {
+    format!("{}_{}", coordinate.name, if coordinate.is_angle { "deg" } else { "m" })
+}
+
+fn table(skeleton: &Skeleton, poses: &[Vec<f64>]) -> Table {
+    let angles: Vec<usize> = (0..skeleton.coordinates.len()).filter(|&k| skeleton.coordinates[k].is_angle).collect();
+    let (mut pose, mut muscle, mut length) = (Vec::new(), Vec::new(), Vec::new());
+    let mut arms: Vec<Vec<Option<f64>>> = vec![Vec::new(); angles.len()];
+    for (row, q) in poses.iter().enumerate() {
+        for (found, own) in skeleton.lengths_and_moment_arms(q).into_iter().zip(&skeleton.muscles) {
+            pose.push(Some(row as i64));
+            muscle.push(Some(own.name.clone()));
+            length.push(Some(found.0));
+            angles.iter().zip(&mut arms).for_each(|(&k, column)| column.push(Some(found.1[k])));
+        }
+    }
+    let mut columns = vec![
+        ("pose".to_owned(), Values::Integer(pose)),
+        ("muscle".to_owned(), Values::Text(muscle)),
+        ("length_m".to_owned(), Values::Number(length)),
+    ];
+    let names = angles.iter().map(|&k| format!("moment_arm_{}_m", skeleton.coordinates[k].name));
+    columns.extend(names.zip(arms.into_iter().map(Values::Number)));
+    Table { name: "moment_arms", columns }
+}
+
+fn csv(table: &Table) -> Result<String> {
+    let failed = |e: csv::Error| Error::table("write", Path::new("CSV"), e);
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(table.columns.iter().map(|(name, _)| name)).map_err(failed)?;
+    for row in 0..table.rows() {
+        let fields = table.columns.iter().map(|(name, _)| table.display(name, row).unwrap_or_default());
+        writer.write_record(fields).map_err(failed)?;
+    }
+    let bytes = writer.into_inner().map_err(|e| Error::table("write", Path::new("CSV"), e))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}

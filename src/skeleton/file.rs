@@ -1,0 +1,475 @@
+//! The file of a spatial model (TOML), and its check into a [`Skeleton`]. `data/models/upper_limb.toml` is an example.
+//!
+//! SI units and radians. A frame is a point with body-fixed rotations about x, y and z.
+
+use std::collections::BTreeSet;
+
+use serde::Deserialize;
+
+use super::frame::Frame;
+use super::path::{MusclePath, PathPoint};
+use super::surface::{Shape, Side, Surface};
+use super::{Body, Coordinate, Joint, Motion, Muscle, Skeleton};
+use crate::error::{Issue, Result, SourceFile, nearest};
+
+type Checked<T> = std::result::Result<T, Issue>;
+
+/// A spatial model as its file says it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SkeletonFile {
+    pub name: String,
+    /// Where the numbers come from and under which licence.
+    pub source: Option<String>,
+    /// 3: what tells this file from that of a planar model.
+    pub dimensions: u8,
+    pub body: Vec<BodyEntry>,
+    pub joint: Vec<JointEntry>,
+    pub coordinate: Vec<CoordinateEntry>,
+    #[serde(default)]
+    pub surface: Vec<SurfaceEntry>,
+    pub muscle: Vec<MuscleEntry>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyEntry {
+    pub name: String,
+    pub mass: f64,
+    pub centre_of_mass: [f64; 3],
+    /// xx, yy, zz, xy, xz, yz about the centre of mass.
+    pub inertia: [f64; 6],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum JointEntryKind {
+    Weld,
+    Axes,
+    Ellipsoid,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointEntry {
+    pub name: String,
+    pub kind: JointEntryKind,
+    /// `ground` or a body.
+    pub parent: String,
+    pub child: String,
+    #[serde(default)]
+    pub parent_point: [f64; 3],
+    #[serde(default)]
+    pub parent_rotation: [f64; 3],
+    #[serde(default)]
+    pub child_point: [f64; 3],
+    #[serde(default)]
+    pub child_rotation: [f64; 3],
+    /// Of a joint with axes, in the parent's frame; each rotation moves the axes after it.
+    #[serde(default)]
+    pub translations: Vec<AxisEntry>,
+    #[serde(default)]
+    pub rotations: Vec<AxisEntry>,
+    /// Of an ellipsoid joint.
+    pub radii: Option<[f64; 3]>,
+    /// Of an ellipsoid joint: abduction, elevation, upward rotation, winging.
+    pub coordinates: Option<[String; 4]>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AxisEntry {
+    pub coordinate: String,
+    pub axis: [f64; 3],
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CoordinateEntry {
+    pub name: String,
+    #[serde(default)]
+    pub default: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SurfaceKind {
+    Sphere,
+    Cylinder,
+    Ellipsoid,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SurfaceEntry {
+    pub name: String,
+    pub kind: SurfaceKind,
+    pub body: String,
+    #[serde(default)]
+    pub point: [f64; 3],
+    #[serde(default)]
+    pub rotation: [f64; 3],
+    pub radius: Option<f64>,
+    pub radii: Option<[f64; 3]>,
+    /// Of a cylinder: `x`, `-x`, `y` or `-y`, where paths must pass.
+    pub side: Option<String>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointEntry {
+    pub body: String,
+    pub point: [f64; 3],
+    pub moves: Option<MovesEntry>,
+}
+
+/// The point moves by `slope` (m/rad) times a coordinate.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MovesEntry {
+    pub coordinate: String,
+    pub slope: [f64; 3],
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MuscleEntry {
+    pub name: String,
+    pub max_isometric_force: f64,
+    pub optimal_fibre_length: f64,
+    pub tendon_slack_length: f64,
+    #[serde(default)]
+    pub pennation_angle: f64,
+    pub path: Vec<PointEntry>,
+    /// Names, in the order in which the path meets them.
+    #[serde(default)]
+    pub surfaces: Vec<String>,
+}
+
+impl SkeletonFile {
+    /// Whether a model file is one of these.
+    pub fn is_one(table: &toml::Table) -> bool {
+        table.contains_key("dimensions")
+    }
+
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// The first mistake, with its place.
+    pub fn load(file: &SourceFile) -> Result<Skeleton> {
+        let read: Self = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
+        read.check().map_err(|issue| issue.in_file(file))
+    }
+
+    fn check(&self) -> Checked<Skeleton> {
+        if self.dimensions != 3 {
+            let message = format!("found {}", self.dimensions);
+            return Err(Issue::new(&["dimensions"], message, "a spatial model has dimensions = 3; a planar one has no such key"));
+        }
+        let bodies: Vec<&str> = self.body.iter().map(|body| body.name.as_str()).collect();
+        let coordinates: Vec<&str> = self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect();
+        let surfaces: Vec<&str> = self.surface.iter().map(|surface| surface.name.as_str()).collect();
+        unique("body", &bodies)?;
+        unique("coordinate", &coordinates)?;
+        unique("surface", &surfaces)?;
+        unique("joint", &self.joint.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>())?;
+        unique("muscle", &self.muscle.iter().map(|muscle| muscle.name.as_str()).collect::<Vec<_>>())?;
+        let names = Names { bodies, coordinates, surfaces };
+
+        let checked_bodies = self.body.iter().map(BodyEntry::check).collect::<Checked<Vec<_>>>()?;
+        let mut joints = self.joint.iter().map(|joint| joint.check(&names)).collect::<Checked<Vec<_>>>()?;
+        sort(&mut joints, &names)?;
+        let mut skeleton = Skeleton {
+            name: self.name.clone(),
+            bodies: checked_bodies,
+            coordinates: self.coordinates(&joints)?,
+            joints,
+            surfaces: self.surface.iter().map(|surface| surface.check(&names)).collect::<Checked<Vec<_>>>()?,
+            muscles: Vec::new(),
+        };
+        skeleton.muscles = self.muscle.iter().map(|muscle| muscle.check(&names)).collect::<Checked<Vec<_>>>()?;
+        skeleton.check_paths()?;
+        Ok(skeleton)
+    }
+
+    /// Each coordinate belongs to one joint, which says whether it is an angle.
+    fn coordinates(&self, joints: &[Joint]) -> Checked<Vec<Coordinate>> {
+        let mut kinds: Vec<Option<bool>> = vec![None; self.coordinate.len()];
+        for joint in joints {
+            let used: Vec<(usize, bool)> = match &joint.motion {
+                Motion::Weld => Vec::new(),
+                Motion::Axes { translations, rotations } => {
+                    let moves = translations.iter().map(|(c, _)| (*c, false));
+                    moves.chain(rotations.iter().map(|(c, _)| (*c, true))).collect()
+                }
+                Motion::Ellipsoid { coordinates, .. } => coordinates.iter().map(|c| (*c, true)).collect(),
+            };
+            for (coordinate, is_angle) in used {
+                if kinds[coordinate].replace(is_angle).is_some() {
+                    let name = &self.coordinate[coordinate].name;
+                    let message = format!("`{name}` moves more than one axis");
+                    return Err(Issue::new(&["joint", &joint.name], message, "give each axis a coordinate of its own"));
+                }
+            }
+        }
+        let coordinate = |(entry, kind): (&CoordinateEntry, Option<bool>)| match kind {
+            Some(is_angle) if entry.default.is_finite() => {
+                Ok(Coordinate { name: entry.name.clone(), is_angle, default: entry.default })
+            }
+            Some(_) => Err(Issue::new(&["coordinate", &entry.name, "default"], "it is not finite", "give a number (rad or m)")),
+            None => Err(Issue::new(&["coordinate", &entry.name], "it moves no joint", "remove it, or name it in a joint")),
+        };
+        self.coordinate.iter().zip(kinds).map(coordinate).collect()
+    }
+}
+
+/// Names that others refer to.
+struct Names<'f> {
+    bodies: Vec<&'f str>,
+    coordinates: Vec<&'f str>,
+    surfaces: Vec<&'f str>,
+}
+
+fn find(kind: &str, names: &[&str], name: &str, path: &[&str]) -> Checked<usize> {
+    names.iter().position(|known| *known == name).ok_or_else(|| {
+        let near = nearest(name, names.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
+        Issue::new(path, format!("there is no {kind} `{name}`"), format!("{near}there is: {}", names.join(", ")))
+    })
+}
+
+fn unique(kind: &str, names: &[&str]) -> Checked<()> {
+    let mut seen = BTreeSet::new();
+    match names.iter().find(|name| name.is_empty() || name.contains(['.', '*']) || !seen.insert(**name)) {
+        None => Ok(()),
+        Some(name) => {
+            let help = "each has a name of its own, not empty and without `.` or `*`";
+            Err(Issue::new(&[kind, name], format!("found the name \"{name}\""), help))
+        }
+    }
+}
+
+fn positive(path: &[&str], value: f64, unit: &str) -> Checked<f64> {
+    match value > 0.0 && value.is_finite() {
+        true => Ok(value),
+        false => Err(Issue::new(path, format!("found {value}"), format!("it must be a positive number ({unit})"))),
+    }
+}
+
+fn finite(path: &[&str], values: &[f64]) -> Checked<()> {
+    match values.iter().find(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(value) => Err(Issue::new(path, format!("found {value}"), "it must be a finite number")),
+    }
+}
+
+impl BodyEntry {
+    fn check(&self) -> Checked<Body> {
+        positive(&["body", &self.name, "mass"], self.mass, "kg")?;
+        finite(&["body", &self.name, "centre_of_mass"], &self.centre_of_mass)?;
+        let [xx, yy, zz, xy, xz, yz] = self.inertia;
+        // Positive definite, by its leading minors, and with the triangle inequality of the principal moments' sum.
+        let minors = [xx, xx * yy - xy * xy, xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)];
+        if minors.iter().any(|minor| minor.is_nan() || *minor <= 0.0) {
+            let help = "xx, yy, zz, xy, xz, yz about the centre of mass make a positive definite matrix (kg m²)";
+            return Err(Issue::new(&["body", &self.name, "inertia"], format!("found {:?}", self.inertia), help));
+        }
+        Ok(Body {
+            name: self.name.clone(),
+            mass: self.mass,
+            centre_of_mass: self.centre_of_mass,
+            inertia: self.inertia,
+        })
+    }
+}
+
+impl JointEntry {
+    fn check(&self, names: &Names<'_>) -> Checked<Joint> {
+        let place = |key: &'static str| ["joint", self.name.as_str(), key];
+        let parent = match self.parent.as_str() {
+            "ground" => None,
+            name => Some(find("body", &names.bodies, name, &place("parent"))?),
+        };
+        let axes = |entries: &[AxisEntry], key: &'static str| {
+            let axis = |entry: &AxisEntry| {
+                if super::frame::norm(&entry.axis).is_nan() || super::frame::norm(&entry.axis) < 1e-9 {
+                    return Err(Issue::new(&place(key), format!("the axis {:?} has no direction", entry.axis), "give a direction"));
+                }
+                Ok((find("coordinate", &names.coordinates, &entry.coordinate, &place(key))?, entry.axis))
+            };
+            entries.iter().map(axis).collect::<Checked<Vec<_>>>()
+        };
+        let wrong = |key: &'static str, help: &str| Err(Issue::new(&place(key), "it does not fit this kind of joint", help));
+        let motion = match self.kind {
+            JointEntryKind::Axes if self.rotations.is_empty() && self.translations.is_empty() => {
+                return wrong("kind", "add rotations or translations, or make it a weld");
+            }
+            JointEntryKind::Axes => Motion::Axes {
+                translations: axes(&self.translations, "translations")?,
+                rotations: axes(&self.rotations, "rotations")?,
+            },
+            JointEntryKind::Weld => Motion::Weld,
+            JointEntryKind::Ellipsoid => {
+                let (Some(radii), Some(coordinates)) = (self.radii, &self.coordinates) else {
+                    let help = "an ellipsoid joint has radii and four coordinates: abduction, elevation, upward rotation, winging";
+                    return Err(Issue::new(&["joint", &self.name], "radii or coordinates are missing", help));
+                };
+                radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m").map(|_| ()))?;
+                let mut found = [0; 4];
+                for (index, name) in found.iter_mut().zip(coordinates) {
+                    *index = find("coordinate", &names.coordinates, name, &place("coordinates"))?;
+                }
+                Motion::Ellipsoid { radii, coordinates: found }
+            }
+        };
+        if self.kind != JointEntryKind::Axes && !(self.rotations.is_empty() && self.translations.is_empty()) {
+            return wrong("kind", "rotations and translations are those of kind = \"axes\"");
+        }
+        if self.kind != JointEntryKind::Ellipsoid && (self.radii.is_some() || self.coordinates.is_some()) {
+            return wrong("kind", "radii and coordinates are those of kind = \"ellipsoid\"");
+        }
+        for (key, values) in [
+            ("parent_point", self.parent_point),
+            ("parent_rotation", self.parent_rotation),
+            ("child_point", self.child_point),
+            ("child_rotation", self.child_rotation),
+        ] {
+            finite(&place(key), &values)?;
+        }
+        Ok(Joint {
+            name: self.name.clone(),
+            parent,
+            child: find("body", &names.bodies, &self.child, &place("child"))?,
+            in_parent: Frame::placed(self.parent_point, self.parent_rotation),
+            in_child: Frame::placed(self.child_point, self.child_rotation),
+            motion,
+        })
+    }
+}
+
+/// Parents before children; every body hangs on one joint.
+fn sort(joints: &mut Vec<Joint>, names: &Names<'_>) -> Checked<()> {
+    let mut placed: BTreeSet<Option<usize>> = [None].into();
+    let mut sorted: Vec<Joint> = Vec::with_capacity(joints.len());
+    while !joints.is_empty() {
+        let Some(next) = joints.iter().position(|joint| placed.contains(&joint.parent)) else {
+            let joint = &joints[0];
+            let message = format!("`{}` does not hang on the ground", joint.parent.map_or("ground", |p| names.bodies[p]));
+            return Err(Issue::new(&["joint", &joint.name, "parent"], message, "joints make a tree that begins at the ground"));
+        };
+        let joint = joints.remove(next);
+        if !placed.insert(Some(joint.child)) {
+            let message = format!("`{}` is the child of two joints", names.bodies[joint.child]);
+            return Err(Issue::new(&["joint", &joint.name, "child"], message, "joints make a tree: each body is a child once"));
+        }
+        sorted.push(joint);
+    }
+    if let Some(body) = (0..names.bodies.len()).find(|body| !placed.contains(&Some(*body))) {
+        let help = "add a joint with this child";
+        return Err(Issue::new(&["body", names.bodies[body]], "no joint holds it", help));
+    }
+    *joints = sorted;
+    Ok(())
+}
+
+impl SurfaceEntry {
+    fn check(&self, names: &Names<'_>) -> Checked<Surface> {
+        let place = |key: &'static str| ["surface", self.name.as_str(), key];
+        let missing = |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("it has no `{key}`"), help);
+        let radius = || {
+            let radius = self.radius.ok_or_else(|| missing("radius", "a sphere and a cylinder have a radius (m)"))?;
+            positive(&place("radius"), radius, "m")
+        };
+        let shape = match self.kind {
+            SurfaceKind::Sphere => Shape::Sphere { radius: radius()? },
+            SurfaceKind::Cylinder => Shape::Cylinder { radius: radius()?, side: self.side()? },
+            SurfaceKind::Ellipsoid => {
+                let radii = self.radii.ok_or_else(|| missing("radii", "an ellipsoid has three radii (m)"))?;
+                radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m").map(|_| ()))?;
+                Shape::Ellipsoid { radii }
+            }
+        };
+        finite(&place("point"), &self.point)?;
+        finite(&place("rotation"), &self.rotation)?;
+        Ok(Surface {
+            name: self.name.clone(),
+            body: find("body", &names.bodies, &self.body, &place("body"))?,
+            frame: Frame::placed(self.point, self.rotation),
+            shape,
+        })
+    }
+
+    fn side(&self) -> Checked<Option<Side>> {
+        let Some(side) = &self.side else { return Ok(None) };
+        let (sign, axis) = match side.strip_prefix('-') {
+            Some(axis) => (-1.0, axis),
+            None => (1.0, side.as_str()),
+        };
+        match axis {
+            "x" => Ok(Some(Side { axis: 0, sign })),
+            "y" => Ok(Some(Side { axis: 1, sign })),
+            _ => Err(Issue::new(&["surface", &self.name, "side"], format!("found \"{side}\""), "it is one of: x, -x, y, -y")),
+        }
+    }
+}
+
+impl MuscleEntry {
+    fn check(&self, names: &Names<'_>) -> Checked<Muscle> {
+        let place = |key: &'static str| ["muscle", self.name.as_str(), key];
+        if self.path.len() < 2 {
+            return Err(Issue::new(&place("path"), "fewer than two points", "a path has an origin and an insertion"));
+        }
+        let point = |entry: &PointEntry| {
+            finite(&place("path"), &entry.point)?;
+            let moves = entry.moves.as_ref().map(|moves| {
+                finite(&place("path"), &moves.slope)?;
+                Ok((find("coordinate", &names.coordinates, &moves.coordinate, &place("path"))?, moves.slope))
+            });
+            Ok(PathPoint {
+                body: find("body", &names.bodies, &entry.body, &place("path"))?,
+                point: entry.point,
+                moves: moves.transpose()?,
+            })
+        };
+        if !(self.tendon_slack_length >= 0.0 && self.tendon_slack_length.is_finite()) {
+            let message = format!("found {}", self.tendon_slack_length);
+            return Err(Issue::new(&place("tendon_slack_length"), message, "it must be a length from 0 on (m)"));
+        }
+        if !(0.0..1.5).contains(&self.pennation_angle) {
+            let message = format!("found {}", self.pennation_angle);
+            return Err(Issue::new(&place("pennation_angle"), message, "it must be an angle from 0 to 1.5 rad"));
+        }
+        let surface = |name: &String| find("surface", &names.surfaces, name, &place("surfaces"));
+        Ok(Muscle {
+            name: self.name.clone(),
+            max_isometric_force: positive(&place("max_isometric_force"), self.max_isometric_force, "N")?,
+            optimal_fibre_length: positive(&place("optimal_fibre_length"), self.optimal_fibre_length, "m")?,
+            tendon_slack_length: self.tendon_slack_length,
+            pennation_angle: self.pennation_angle,
+            path: MusclePath {
+                points: self.path.iter().map(point).collect::<Checked<Vec<_>>>()?,
+                surfaces: self.surfaces.iter().map(surface).collect::<Checked<Vec<_>>>()?,
+            },
+        })
+    }
+}
+
+impl Skeleton {
+    /// A point of a path inside one of its own surfaces, on the same body, can never get around it.
+    fn check_paths(&self) -> Checked<()> {
+        for muscle in &self.muscles {
+            for &surface in &muscle.path.surfaces {
+                let surface = &self.surfaces[surface];
+                let own = muscle.path.points.iter().filter(|point| point.body == surface.body && point.moves.is_none());
+                for point in own {
+                    let x = surface.frame.inverse().point(&point.point);
+                    if surface.shape.holds(&x) {
+                        let message = format!("the point {:?} is inside the surface `{}`", point.point, surface.name);
+                        let help = "move the point out, make the surface smaller, or take it off this path";
+                        return Err(Issue::new(&["muscle", &muscle.name, "path"], message, help));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}

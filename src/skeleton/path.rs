@@ -1,0 +1,160 @@
+//! Length of a muscle's path in a pose, and its slopes by the joint coordinates.
+//!
+//! The path is the shortest that goes over its points and around its surfaces. Where it touches a surface it slides without
+//! changing its length to first order, so only its straight parts count for the slope (the envelope theorem):
+//!
+//! ```text
+//! ∂L/∂q = Σ over straight parts  û·(∂b/∂q − ∂a/∂q),   contacts moving with their surface's body
+//! ```
+
+use num_dual::Dual64;
+
+use super::Skeleton;
+use super::frame::{Frame, Vector, minus, norm, unit};
+use super::surface::Contact;
+use crate::numerics::Scalar;
+
+/// A muscle's way: points, and surfaces that may come between any two of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MusclePath {
+    pub points: Vec<PathPoint>,
+    /// Indices of surfaces, in the order in which the path meets them.
+    pub surfaces: Vec<usize>,
+}
+
+/// A point of a path, fixed to a body but for what it moves with a coordinate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathPoint {
+    pub body: usize,
+    /// In the body's frame, m.
+    pub point: Vector,
+    /// (coordinate, m/rad): the point is `point + slope q`.
+    pub moves: Option<(usize, Vector)>,
+}
+
+impl PathPoint {
+    /// In the body's frame, in a pose.
+    fn local<T: Scalar>(&self, q: &[T]) -> [T; 3] {
+        match &self.moves {
+            None => self.point.map(T::from),
+            Some((coordinate, slope)) => [0, 1, 2].map(|i| q[*coordinate] * slope[i] + self.point[i]),
+        }
+    }
+}
+
+/// A corner of the path: one of its points, or where it comes to or leaves a surface.
+#[derive(Clone, Copy, Debug)]
+enum Corner<'p> {
+    Point(&'p PathPoint),
+    /// On a body, at a place of its frame.
+    Contact(usize, Vector),
+}
+
+/// A path in one pose.
+pub struct Routed<'p> {
+    /// m
+    pub length: f64,
+    /// Indices of the surfaces that it touches.
+    pub touched: Vec<usize>,
+    /// Ends of each straight part.
+    straight: Vec<(Corner<'p>, Corner<'p>)>,
+}
+
+/// Rounds of looking at each surface again until contacts stand still.
+const ROUNDS: usize = 500;
+const STILL: f64 = 1e-14;
+
+impl MusclePath {
+    /// The way the path takes with the bodies where `frames` says.
+    pub fn route<'p>(&'p self, skeleton: &Skeleton, q: &[f64], frames: &[Frame<f64>]) -> Routed<'p> {
+        let mut routed = Routed { length: 0.0, touched: Vec::new(), straight: Vec::new() };
+        let at = |point: &PathPoint| frames[point.body].point(&point.local(q));
+        for ends in self.points.windows(2) {
+            let (a, b) = (at(&ends[0]), at(&ends[1]));
+            let contacts = self.contacts(skeleton, frames, &a, &b);
+            let (mut from, mut place) = (Corner::Point(&ends[0]), a);
+            for (&surface, contact) in self.surfaces.iter().zip(&contacts) {
+                let Some(contact) = contact else { continue };
+                let body = skeleton.surfaces[surface].body;
+                let corner = |x: &Vector| Corner::Contact(body, frames[body].inverse().point(x));
+                routed.length += norm(&minus(&contact.first, &place)) + contact.length;
+                routed.straight.push((from, corner(&contact.first)));
+                routed.touched.push(surface);
+                (from, place) = (corner(&contact.last), contact.last);
+            }
+            routed.length += norm(&minus(&b, &place));
+            routed.straight.push((from, Corner::Point(&ends[1])));
+        }
+        routed
+    }
+
+    /// Contacts with all surfaces between two points, in the ground's frame: each surface between those it lies between, again
+    /// and again until nothing moves.
+    fn contacts(&self, skeleton: &Skeleton, frames: &[Frame<f64>], a: &Vector, b: &Vector) -> Vec<Option<Contact>> {
+        let places: Vec<Frame<f64>> = (self.surfaces.iter())
+            .map(|&s| frames[skeleton.surfaces[s].body] * skeleton.surfaces[s].frame)
+            .collect();
+        let mut contacts: Vec<Option<Contact>> = vec![None; places.len()];
+        for _ in 0..ROUNDS {
+            let mut moved = 0.0f64;
+            for k in 0..places.len() {
+                let before = contacts[..k].iter().rev().flatten().next().map_or(*a, |contact| contact.last);
+                let after = contacts[k + 1..].iter().flatten().next().map_or(*b, |contact| contact.first);
+                let inside = places[k].inverse();
+                let shape = &skeleton.surfaces[self.surfaces[k]].shape;
+                let found = shape.contact(&inside.point(&before), &inside.point(&after)).map(|contact| Contact {
+                    first: places[k].point(&contact.first),
+                    last: places[k].point(&contact.last),
+                    ..contact
+                });
+                let apart = |old: &Contact, new: &Contact| {
+                    norm(&minus(&old.first, &new.first)).max(norm(&minus(&old.last, &new.last)))
+                };
+                moved = moved.max(match (&contacts[k], &found) {
+                    (Some(old), Some(new)) => apart(old, new),
+                    (None, None) => 0.0,
+                    _ => 1.0,
+                });
+                contacts[k] = found;
+            }
+            if moved <= STILL || places.len() == 1 {
+                break;
+            }
+        }
+        contacts
+    }
+}
+
+impl Routed<'_> {
+    /// ∂L/∂q of one coordinate, m/rad (or 1), from the frames of the bodies at q + ε of that coordinate.
+    pub fn slope(&self, q: &[Dual64], frames: &[Frame<Dual64>]) -> f64 {
+        let place = |corner: &Corner<'_>| match corner {
+            Corner::Point(point) => frames[point.body].point(&point.local(q)),
+            Corner::Contact(body, x) => frames[*body].point(&x.map(Dual64::from)),
+        };
+        let part = |(from, to): &(Corner<'_>, Corner<'_>)| {
+            let (a, b) = (place(from), place(to));
+            let way = unit(&[0, 1, 2].map(|i| b[i].re - a[i].re));
+            (0..3).map(|i| way[i] * (b[i].eps - a[i].eps)).sum::<f64>()
+        };
+        self.straight.iter().map(part).sum()
+    }
+}
+
+impl Skeleton {
+    /// Length of each muscle (m) and its moment arms −∂L/∂q by each coordinate (m for angles), in a pose.
+    pub fn lengths_and_moment_arms(&self, q: &[f64]) -> Vec<(f64, Vec<f64>)> {
+        let frames = self.frames(q);
+        let routed: Vec<Routed<'_>> = self.muscles.iter().map(|m| m.path.route(self, q, &frames)).collect();
+        let mut found: Vec<(f64, Vec<f64>)> = routed.iter().map(|r| (r.length, Vec::new())).collect();
+        for k in 0..q.len() {
+            let seeded: Vec<Dual64> =
+                q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == k))).collect();
+            let frames = self.frames(&seeded);
+            for (routed, (_, arms)) in routed.iter().zip(&mut found) {
+                arms.push(-routed.slope(&seeded, &frames));
+            }
+        }
+        found
+    }
+}
