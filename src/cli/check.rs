@@ -7,6 +7,7 @@ use crate::error::{Error, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
+use crate::skeleton::file::SkeletonFile;
 use crate::study::Study;
 
 pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
@@ -48,6 +49,10 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
             if ["motion", "sweep", "base"].iter().any(|key| table.contains_key(*key)) {
                 let study = Study::load(path)?;
                 Ok(format!("study, {} job(s)", study.jobs.len()))
+            } else if SkeletonFile::is_one(&table) {
+                let model = SkeletonFile::load(&file)?;
+                let (bodies, muscles) = (model.bodies.len(), model.muscles.len());
+                Ok(format!("spatial model, {bodies} bodies and {muscles} muscles"))
             } else {
                 let (_, model) = ModelFile::load(&file)?;
                 Ok(format!("model, {} bodies and {} muscles", model.bodies.len(), model.muscles.len()))

@@ -16,7 +16,7 @@ use super::surface::{Contact, tangents};
 const NODES: usize = 24;
 const SWEEPS: usize = 400;
 /// Runge–Kutta steps along the geodesic.
-const STEPS: usize = 48;
+const STEPS: usize = 96;
 const NEWTON: usize = 40;
 const DIFFERENCE: f64 = 1e-7;
 const TOLERANCE: f64 = 1e-13;

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use serde::Deserialize;
 
 use super::frame::Frame;
-use super::path::{MusclePath, PathPoint};
+use super::path::{MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
 use super::{Body, Coordinate, Joint, Motion, Muscle, Skeleton};
 use crate::error::{Issue, Result, SourceFile, nearest};
@@ -141,9 +141,17 @@ pub struct MuscleEntry {
     #[serde(default)]
     pub pennation_angle: f64,
     pub path: Vec<PointEntry>,
-    /// Names, in the order in which the path meets them.
+    /// In the order in which the path meets them.
     #[serde(default)]
-    pub surfaces: Vec<String>,
+    pub surfaces: Vec<ObstacleEntry>,
+}
+
+/// A surface by name; or with the only part of the path (0: between its first two points) that it is in the way of.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub enum ObstacleEntry {
+    Any(String),
+    Part { name: String, part: usize },
 }
 
 impl SkeletonFile {
@@ -164,7 +172,11 @@ impl SkeletonFile {
     fn check(&self) -> Checked<Skeleton> {
         if self.dimensions != 3 {
             let message = format!("found {}", self.dimensions);
-            return Err(Issue::new(&["dimensions"], message, "a spatial model has dimensions = 3; a planar one has no such key"));
+            return Err(Issue::new(
+                &["dimensions"],
+                message,
+                "a spatial model has dimensions = 3; a planar one has no such key",
+            ));
         }
         let bodies: Vec<&str> = self.body.iter().map(|body| body.name.as_str()).collect();
         let coordinates: Vec<&str> = self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect();
@@ -216,8 +228,12 @@ impl SkeletonFile {
             Some(is_angle) if entry.default.is_finite() => {
                 Ok(Coordinate { name: entry.name.clone(), is_angle, default: entry.default })
             }
-            Some(_) => Err(Issue::new(&["coordinate", &entry.name, "default"], "it is not finite", "give a number (rad or m)")),
-            None => Err(Issue::new(&["coordinate", &entry.name], "it moves no joint", "remove it, or name it in a joint")),
+            Some(_) => {
+                Err(Issue::new(&["coordinate", &entry.name, "default"], "it is not finite", "give a number (rad or m)"))
+            }
+            None => {
+                Err(Issue::new(&["coordinate", &entry.name], "it moves no joint", "remove it, or name it in a joint"))
+            }
         };
         self.coordinate.iter().zip(kinds).map(coordinate).collect()
     }
@@ -268,7 +284,8 @@ impl BodyEntry {
         finite(&["body", &self.name, "centre_of_mass"], &self.centre_of_mass)?;
         let [xx, yy, zz, xy, xz, yz] = self.inertia;
         // Positive definite, by its leading minors, and with the triangle inequality of the principal moments' sum.
-        let minors = [xx, xx * yy - xy * xy, xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)];
+        let minors =
+            [xx, xx * yy - xy * xy, xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)];
         if minors.iter().any(|minor| minor.is_nan() || *minor <= 0.0) {
             let help = "xx, yy, zz, xy, xz, yz about the centre of mass make a positive definite matrix (kg m²)";
             return Err(Issue::new(&["body", &self.name, "inertia"], format!("found {:?}", self.inertia), help));
@@ -292,13 +309,18 @@ impl JointEntry {
         let axes = |entries: &[AxisEntry], key: &'static str| {
             let axis = |entry: &AxisEntry| {
                 if super::frame::norm(&entry.axis).is_nan() || super::frame::norm(&entry.axis) < 1e-9 {
-                    return Err(Issue::new(&place(key), format!("the axis {:?} has no direction", entry.axis), "give a direction"));
+                    return Err(Issue::new(
+                        &place(key),
+                        format!("the axis {:?} has no direction", entry.axis),
+                        "give a direction",
+                    ));
                 }
                 Ok((find("coordinate", &names.coordinates, &entry.coordinate, &place(key))?, entry.axis))
             };
             entries.iter().map(axis).collect::<Checked<Vec<_>>>()
         };
-        let wrong = |key: &'static str, help: &str| Err(Issue::new(&place(key), "it does not fit this kind of joint", help));
+        let wrong =
+            |key: &'static str, help: &str| Err(Issue::new(&place(key), "it does not fit this kind of joint", help));
         let motion = match self.kind {
             JointEntryKind::Axes if self.rotations.is_empty() && self.translations.is_empty() => {
                 return wrong("kind", "add rotations or translations, or make it a weld");
@@ -353,13 +375,22 @@ fn sort(joints: &mut Vec<Joint>, names: &Names<'_>) -> Checked<()> {
     while !joints.is_empty() {
         let Some(next) = joints.iter().position(|joint| placed.contains(&joint.parent)) else {
             let joint = &joints[0];
-            let message = format!("`{}` does not hang on the ground", joint.parent.map_or("ground", |p| names.bodies[p]));
-            return Err(Issue::new(&["joint", &joint.name, "parent"], message, "joints make a tree that begins at the ground"));
+            let message =
+                format!("`{}` does not hang on the ground", joint.parent.map_or("ground", |p| names.bodies[p]));
+            return Err(Issue::new(
+                &["joint", &joint.name, "parent"],
+                message,
+                "joints make a tree that begins at the ground",
+            ));
         };
         let joint = joints.remove(next);
         if !placed.insert(Some(joint.child)) {
             let message = format!("`{}` is the child of two joints", names.bodies[joint.child]);
-            return Err(Issue::new(&["joint", &joint.name, "child"], message, "joints make a tree: each body is a child once"));
+            return Err(Issue::new(
+                &["joint", &joint.name, "child"],
+                message,
+                "joints make a tree: each body is a child once",
+            ));
         }
         sorted.push(joint);
     }
@@ -374,7 +405,8 @@ fn sort(joints: &mut Vec<Joint>, names: &Names<'_>) -> Checked<()> {
 impl SurfaceEntry {
     fn check(&self, names: &Names<'_>) -> Checked<Surface> {
         let place = |key: &'static str| ["surface", self.name.as_str(), key];
-        let missing = |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("it has no `{key}`"), help);
+        let missing =
+            |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("it has no `{key}`"), help);
         let radius = || {
             let radius = self.radius.ok_or_else(|| missing("radius", "a sphere and a cylinder have a radius (m)"))?;
             positive(&place("radius"), radius, "m")
@@ -407,7 +439,11 @@ impl SurfaceEntry {
         match axis {
             "x" => Ok(Some(Side { axis: 0, sign })),
             "y" => Ok(Some(Side { axis: 1, sign })),
-            _ => Err(Issue::new(&["surface", &self.name, "side"], format!("found \"{side}\""), "it is one of: x, -x, y, -y")),
+            _ => Err(Issue::new(
+                &["surface", &self.name, "side"],
+                format!("found \"{side}\""),
+                "it is one of: x, -x, y, -y",
+            )),
         }
     }
 }
@@ -438,7 +474,21 @@ impl MuscleEntry {
             let message = format!("found {}", self.pennation_angle);
             return Err(Issue::new(&place("pennation_angle"), message, "it must be an angle from 0 to 1.5 rad"));
         }
-        let surface = |name: &String| find("surface", &names.surfaces, name, &place("surfaces"));
+        let surface = |entry: &ObstacleEntry| {
+            let (name, part) = match entry {
+                ObstacleEntry::Any(name) => (name, None),
+                ObstacleEntry::Part { name, part } => (name, Some(*part)),
+            };
+            if part.is_some_and(|part| part + 1 >= self.path.len()) {
+                let help = format!("the path has parts 0 to {}", self.path.len() - 2);
+                return Err(Issue::new(
+                    &place("surfaces"),
+                    format!("`{name}` is in the way of no part of the path"),
+                    help,
+                ));
+            }
+            Ok(Obstacle { surface: find("surface", &names.surfaces, name, &place("surfaces"))?, part })
+        };
         Ok(Muscle {
             name: self.name.clone(),
             max_isometric_force: positive(&place("max_isometric_force"), self.max_isometric_force, "N")?,
@@ -457,8 +507,8 @@ impl Skeleton {
     /// A point of a path inside one of its own surfaces, on the same body, can never get around it.
     fn check_paths(&self) -> Checked<()> {
         for muscle in &self.muscles {
-            for &surface in &muscle.path.surfaces {
-                let surface = &self.surfaces[surface];
+            for obstacle in &muscle.path.surfaces {
+                let surface = &self.surfaces[obstacle.surface];
                 let own = muscle.path.points.iter().filter(|point| point.body == surface.body && point.moves.is_none());
                 for point in own {
                     let x = surface.frame.inverse().point(&point.point);

@@ -124,7 +124,8 @@ impl Skeleton {
         let mut frames = vec![Frame::identity(); self.bodies.len()];
         for joint in &self.joints {
             let parent = joint.parent.map_or_else(Frame::identity, |parent| frames[parent]);
-            frames[joint.child] = parent * joint.in_parent.lift() * joint.motion.frame(q) * joint.in_child.inverse().lift();
+            frames[joint.child] =
+                parent * joint.in_parent.lift() * joint.motion.frame(q) * joint.in_child.inverse().lift();
         }
         frames
     }

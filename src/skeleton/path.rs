@@ -18,8 +18,17 @@ use crate::numerics::Scalar;
 #[derive(Clone, Debug, PartialEq)]
 pub struct MusclePath {
     pub points: Vec<PathPoint>,
-    /// Indices of surfaces, in the order in which the path meets them.
-    pub surfaces: Vec<usize>,
+    /// In the order in which the path meets them.
+    pub surfaces: Vec<Obstacle>,
+}
+
+/// A surface in the way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Obstacle {
+    /// Index of the surface.
+    pub surface: usize,
+    /// The only part of the path (from 0, between two points) that it is in the way of; any if `None`.
+    pub part: Option<usize>,
 }
 
 /// A point of a path, fixed to a body but for what it moves with a coordinate.
@@ -69,11 +78,13 @@ impl MusclePath {
     pub fn route<'p>(&'p self, skeleton: &Skeleton, q: &[f64], frames: &[Frame<f64>]) -> Routed<'p> {
         let mut routed = Routed { length: 0.0, touched: Vec::new(), straight: Vec::new() };
         let at = |point: &PathPoint| frames[point.body].point(&point.local(q));
-        for ends in self.points.windows(2) {
+        for (part, ends) in self.points.windows(2).enumerate() {
             let (a, b) = (at(&ends[0]), at(&ends[1]));
-            let contacts = self.contacts(skeleton, frames, &a, &b);
+            let met = self.surfaces.iter().filter(|obstacle| obstacle.part.is_none_or(|own| own == part));
+            let surfaces: Vec<usize> = met.map(|obstacle| obstacle.surface).collect();
+            let contacts = contacts(skeleton, frames, &surfaces, &a, &b);
             let (mut from, mut place) = (Corner::Point(&ends[0]), a);
-            for (&surface, contact) in self.surfaces.iter().zip(&contacts) {
+            for (&surface, contact) in surfaces.iter().zip(&contacts) {
                 let Some(contact) = contact else { continue };
                 let body = skeleton.surfaces[surface].body;
                 let corner = |x: &Vector| Corner::Contact(body, frames[body].inverse().point(x));
@@ -87,42 +98,47 @@ impl MusclePath {
         }
         routed
     }
+}
 
-    /// Contacts with all surfaces between two points, in the ground's frame: each surface between those it lies between, again
-    /// and again until nothing moves.
-    fn contacts(&self, skeleton: &Skeleton, frames: &[Frame<f64>], a: &Vector, b: &Vector) -> Vec<Option<Contact>> {
-        let places: Vec<Frame<f64>> = (self.surfaces.iter())
-            .map(|&s| frames[skeleton.surfaces[s].body] * skeleton.surfaces[s].frame)
-            .collect();
-        let mut contacts: Vec<Option<Contact>> = vec![None; places.len()];
-        for _ in 0..ROUNDS {
-            let mut moved = 0.0f64;
-            for k in 0..places.len() {
-                let before = contacts[..k].iter().rev().flatten().next().map_or(*a, |contact| contact.last);
-                let after = contacts[k + 1..].iter().flatten().next().map_or(*b, |contact| contact.first);
-                let inside = places[k].inverse();
-                let shape = &skeleton.surfaces[self.surfaces[k]].shape;
-                let found = shape.contact(&inside.point(&before), &inside.point(&after)).map(|contact| Contact {
-                    first: places[k].point(&contact.first),
-                    last: places[k].point(&contact.last),
-                    ..contact
-                });
-                let apart = |old: &Contact, new: &Contact| {
-                    norm(&minus(&old.first, &new.first)).max(norm(&minus(&old.last, &new.last)))
-                };
-                moved = moved.max(match (&contacts[k], &found) {
-                    (Some(old), Some(new)) => apart(old, new),
-                    (None, None) => 0.0,
-                    _ => 1.0,
-                });
-                contacts[k] = found;
-            }
-            if moved <= STILL || places.len() == 1 {
-                break;
-            }
+/// Contacts with all surfaces between two points, in the ground's frame: each surface between those it lies between, again
+/// and again until nothing moves.
+fn contacts(
+    skeleton: &Skeleton,
+    frames: &[Frame<f64>],
+    surfaces: &[usize],
+    a: &Vector,
+    b: &Vector,
+) -> Vec<Option<Contact>> {
+    let places: Vec<Frame<f64>> =
+        (surfaces.iter()).map(|&s| frames[skeleton.surfaces[s].body] * skeleton.surfaces[s].frame).collect();
+    let mut contacts: Vec<Option<Contact>> = vec![None; places.len()];
+    for _ in 0..ROUNDS {
+        let mut moved = 0.0f64;
+        for k in 0..places.len() {
+            let before = contacts[..k].iter().rev().flatten().next().map_or(*a, |contact| contact.last);
+            let after = contacts[k + 1..].iter().flatten().next().map_or(*b, |contact| contact.first);
+            let inside = places[k].inverse();
+            let shape = &skeleton.surfaces[surfaces[k]].shape;
+            let found = shape.contact(&inside.point(&before), &inside.point(&after)).map(|contact| Contact {
+                first: places[k].point(&contact.first),
+                last: places[k].point(&contact.last),
+                ..contact
+            });
+            let apart = |old: &Contact, new: &Contact| {
+                norm(&minus(&old.first, &new.first)).max(norm(&minus(&old.last, &new.last)))
+            };
+            moved = moved.max(match (&contacts[k], &found) {
+                (Some(old), Some(new)) => apart(old, new),
+                (None, None) => 0.0,
+                _ => 1.0,
+            });
+            contacts[k] = found;
         }
-        contacts
+        if moved <= STILL || places.len() == 1 {
+            break;
+        }
     }
+    contacts
 }
 
 impl Routed<'_> {
@@ -148,8 +164,7 @@ impl Skeleton {
         let routed: Vec<Routed<'_>> = self.muscles.iter().map(|m| m.path.route(self, q, &frames)).collect();
         let mut found: Vec<(f64, Vec<f64>)> = routed.iter().map(|r| (r.length, Vec::new())).collect();
         for k in 0..q.len() {
-            let seeded: Vec<Dual64> =
-                q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == k))).collect();
+            let seeded: Vec<Dual64> = q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == k))).collect();
             let frames = self.frames(&seeded);
             for (routed, (_, arms)) in routed.iter().zip(&mut found) {
                 arms.push(-routed.slope(&seeded, &frames));

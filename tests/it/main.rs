@@ -12,6 +12,7 @@ mod radau;
 mod recheck;
 mod regularity;
 mod resume;
+mod spatial;
 mod support;
 mod sweeps;
 mod uniqueness;
