@@ -28,6 +28,8 @@ const EVERY: &str = "*";
 pub enum Tolerance {
     Exact,
     Ignored,
+    /// In place of a column's usual relative part; the absolute one stays.
+    Relative(f64),
     /// |now − then| ≤ absolute + relative · |then|
     Within {
         relative: f64,
@@ -67,7 +69,7 @@ impl Tolerance {
             "exact" => Ok(Tolerance::Exact),
             "ignore" => Ok(Tolerance::Ignored),
             _ => match text.parse::<f64>() {
-                Ok(relative) if relative >= 0.0 && relative.is_finite() => Ok(within(relative, 0.0)),
+                Ok(relative) if (0.0..f64::INFINITY).contains(&relative) => Ok(Tolerance::Relative(relative)),
                 _ => Err(format!("`{text}` is no tolerance; it is a relative one such as 1e-4, exact, or ignore")),
             },
         }
@@ -79,6 +81,7 @@ impl std::fmt::Display for Tolerance {
         match self {
             Tolerance::Exact => f.write_str("exact"),
             Tolerance::Ignored => f.write_str("ignored"),
+            Tolerance::Relative(relative) => write!(f, "{relative:e} relative"),
             Tolerance::Within { relative, absolute } => write!(f, "± {absolute:e} + {relative:e} relative"),
         }
     }
@@ -90,7 +93,7 @@ pub struct Tolerances(BTreeMap<String, Tolerance>);
 
 /// As written in `tolerances.toml`.
 #[derive(Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, deny_unknown_fields)]
 enum Written {
     Relative(f64),
     Word(String),
@@ -119,10 +122,15 @@ impl Tolerances {
                     file.error(file.toml_span(&place), message, "here", Some(help.to_owned()))
                 };
                 let tolerance = match value.clone().try_into::<Written>().map_err(|_| wrong())? {
-                    Written::Relative(relative) => within(relative, 0.0),
+                    Written::Relative(relative) => Tolerance::parse(&relative.to_string()).map_err(|_| wrong())?,
                     Written::Word(word) => Tolerance::parse(&word).map_err(|_| wrong())?,
                     Written::Both { relative, absolute } => within(relative, absolute),
                 };
+                if let Tolerance::Within { relative, absolute } = tolerance
+                    && !(relative >= 0.0 && absolute >= 0.0 && relative.is_finite() && absolute.is_finite())
+                {
+                    return Err(wrong());
+                }
                 tolerances.0.insert(column, tolerance);
             }
         }
@@ -130,11 +138,26 @@ impl Tolerances {
         Ok(tolerances)
     }
 
+    /// Names that no table has.
+    fn unknown<'t>(&'t self, tables: &BTreeMap<&'static str, Table>) -> Option<&'t String> {
+        let known = |name: &str| match name.split_once('.') {
+            _ if name == EVERY || tables.values().any(|table| table.column(name).is_some()) => true,
+            Some((table, column)) => tables.get(table).is_some_and(|table| table.column(column).is_some()),
+            None => false,
+        };
+        self.0.keys().find(|name| !known(name))
+    }
+
     fn of(&self, table: &str, column: &str, values: &Values) -> Tolerance {
         let own = self.0.get(&format!("{table}.{column}")).or_else(|| self.0.get(column));
         let usual = Tolerance::usual(column, values);
         let general = self.0.get(EVERY).filter(|_| usual != Tolerance::Ignored);
-        *own.or(general).unwrap_or(&usual)
+        match (own.or(general), usual) {
+            (Some(Tolerance::Relative(relative)), Tolerance::Within { absolute, .. }) => within(*relative, absolute),
+            (Some(Tolerance::Relative(relative)), _) => within(*relative, 0.0),
+            (Some(other), _) => *other,
+            (None, usual) => usual,
+        }
     }
 }
 
@@ -199,6 +222,8 @@ pub enum Verdict {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     pub jobs: Vec<(JobName, Verdict)>,
+    /// Tables and columns of the baseline that are gone: drift of its own.
+    pub gone: Vec<String>,
     /// What does not decide, but should be known.
     pub warnings: Vec<String>,
 }
@@ -226,7 +251,7 @@ impl Comparison {
 
     /// Whether anything is not as in the baseline.
     pub fn drifted(&self) -> bool {
-        self.jobs.iter().any(|(_, verdict)| *verdict != Verdict::Unchanged)
+        !self.gone.is_empty() || self.jobs.iter().any(|(_, verdict)| *verdict != Verdict::Unchanged)
     }
 
     /// For programs.
@@ -242,7 +267,13 @@ impl Comparison {
                 job
             })
             .collect();
-        serde_json::json!({ "drift": self.drifted(), "counts": self.counts(), "jobs": jobs, "warnings": self.warnings })
+        serde_json::json!({
+            "drift": self.drifted(),
+            "counts": self.counts(),
+            "jobs": jobs,
+            "gone": self.gone,
+            "warnings": self.warnings,
+        })
     }
 
     /// For a service that shows tests: each job is one.
@@ -261,6 +292,11 @@ impl Comparison {
             let mut case = TestCase::new(name.to_string(), status);
             case.set_classname(suite);
             tests.add_test_case(case);
+        }
+        for gone in &self.gone {
+            let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
+            status.set_message("in the baseline only");
+            tests.add_test_case(TestCase::new(gone.clone(), status));
         }
         let mut report = Report::new("sinew compare");
         report.add_test_suite(tests);
@@ -324,12 +360,15 @@ pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Resul
         }
     }
     let mut warnings = warnings(folder, baseline);
-    let names: Vec<&'static str> = schema::TABLES.into_iter().filter(|name| there(baseline, name)).collect();
-    if let Some(gone) = names.iter().find(|name| !there(folder, name)) {
-        return Err(Error::table("compare", folder, format!("there is no {gone}.parquet in it, but in the baseline")));
-    }
+    let old: Vec<&'static str> = schema::TABLES.into_iter().filter(|name| there(baseline, name)).collect();
+    let (names, lost): (Vec<&'static str>, Vec<&'static str>) = old.into_iter().partition(|name| there(folder, name));
+    let mut gone: Vec<String> = lost.into_iter().map(|name| format!("the table {name}")).collect();
     let (now, then) = (Side::read(folder, &names)?, Side::read(baseline, &names)?);
-    let mut cells = changes(&now, &then, tolerances, &mut warnings);
+    if let Some(unknown) = tolerances.unknown(&then.tables) {
+        let reason = format!("there is a tolerance for `{unknown}`, but no table of the baseline has such a column");
+        return Err(Error::table("compare with", baseline, reason));
+    }
+    let mut cells = changes(&now, &then, tolerances, &mut gone, &mut warnings);
 
     let place = |side: &Side| -> HashMap<String, usize> {
         (0..side.jobs().rows()).filter_map(|row| Some((side.jobs().text("job_id", row)?.to_owned(), row))).collect()
@@ -367,7 +406,7 @@ pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Resul
                 .to_owned(),
         );
     }
-    Ok(Comparison { jobs, warnings })
+    Ok(Comparison { jobs, gone, warnings })
 }
 
 fn warnings(folder: &Path, baseline: &Path) -> Vec<String> {
@@ -399,6 +438,7 @@ fn changes(
     now: &Side,
     then: &Side,
     tolerances: &Tolerances,
+    gone: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> HashMap<String, Vec<Change>> {
     let mut found: HashMap<String, Vec<Change>> = HashMap::new();
@@ -406,6 +446,7 @@ fn changes(
         (0..side.jobs().rows()).filter_map(|row| side.jobs().text("job_id", row).map(str::to_owned)).collect()
     };
     let (now_ids, then_ids) = (ids(now), ids(then));
+    let old_axes = schema::axes(then.jobs());
     for (name, old) in &then.tables {
         let new = &now.tables[name];
         let mut columns: Vec<(&str, Tolerance)> = Vec::new();
@@ -414,7 +455,10 @@ fn changes(
             match new.column(column) {
                 _ if tolerance == Tolerance::Ignored => {}
                 Some(_) => columns.push((column, tolerance)),
-                None => warnings.push(format!("{name} has no column `{column}` any more")),
+                None if *name == "jobs" && old_axes.contains(column) => {
+                    warnings.push(format!("`{column}` is swept no more"));
+                }
+                None => gone.push(format!("the column {name}.{column}")),
             }
         }
         let keys = schema::row_keys(name);
@@ -485,12 +529,20 @@ fn agrees(old: &Table, row: usize, new: &Table, at: usize, column: &str, toleran
 /// # Errors
 /// If a file cannot be copied.
 pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
+    if !folder.join("jobs.parquet").exists() {
+        return Err(Error::table("accept", folder, "there is no jobs.parquet in it, so it holds no results"));
+    }
+    if folder.canonicalize().ok().is_some_and(|path| baseline.canonicalize().ok() == Some(path)) {
+        return Err(Error::table("accept", folder, "it is the baseline itself"));
+    }
     std::fs::create_dir_all(baseline).map_err(|e| Error::io("create", baseline, e))?;
     let file = |name: &str| format!("{name}.parquet");
     let has_own = baseline.join(file("jobs")).exists();
     let wanted = |name: &&&str| {
         let here = folder.join(file(name)).exists();
-        here && if has_own { baseline.join(file(name)).exists() } else { ACCEPTED.contains(*name) }
+        here && (ACCEPTED.contains(*name) && !has_own
+            || baseline.join(file(name)).exists()
+            || **name == "ratios" && baseline.join(file("muscles")).exists())
     };
     let names: Vec<String> = schema::TABLES.iter().filter(wanted).map(|name| file(name)).collect();
     for name in &names {
@@ -499,6 +551,9 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
         std::fs::copy(&from, &partial)
             .and_then(|_| std::fs::rename(&partial, &to))
             .map_err(|e| Error::io("copy to", &to, e))?;
+    }
+    for name in schema::TABLES.iter().map(|name| file(name)).filter(|name| !names.contains(name)) {
+        let _ = std::fs::remove_file(baseline.join(name)); // a table that the results no longer have
     }
     if let Some(mut manifest) = Manifest::read(folder)? {
         manifest.files.retain(|name, _| names.contains(name));

@@ -37,6 +37,7 @@ pub fn compare(dir: &Path, baseline: &Path, options: &Options) -> Result<u8> {
             lines.iter().for_each(|line| print(&format!("    {line}")));
         }
     }
+    comparison.gone.iter().for_each(|gone| print(&format!("{gone} is in the baseline only")));
     let counts: Vec<String> = comparison.counts().iter().map(|(class, n)| format!("{n} {class}")).collect();
     print(&format!("{}: {}", if comparison.drifted() { "drift" } else { "no drift" }, counts.join(", ")));
     let write = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String>| match path {

@@ -37,6 +37,9 @@ pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let sampled = axes.iter().any(|axis| axis == SAMPLE);
     if sampled && !groups.is_empty() {
         search(&groups);
+        if let Some(ratios) = &ratios {
+            ratio_table(&jobs, ratios, &axes, if all { jobs.rows() } else { FIRST.min(jobs.rows()) });
+        }
         remarks(&jobs, 0, if all { usize::MAX } else { BEST });
         return Ok(GOOD);
     }
@@ -235,10 +238,13 @@ fn job_table(jobs: &Table, regularity: &Table, axes: &[String], limit: usize) {
     print(&format!("\nJobs\n{}", table.trim_fmt()));
 }
 
-/// A number of many digits, cut to what a table bears.
+/// A number of many digits, cut to what a table bears; whole numbers stay as they are.
 fn short(text: &str) -> String {
     match text.parse::<f64>() {
-        Ok(number) if text.len() > 9 => format!("{number:.5}"),
+        Ok(number) if text.len() > 9 && text.contains(['.', 'e']) => match number.abs() {
+            1e-3..1e6 => format!("{number:.5}"),
+            _ => format!("{number:.4e}"),
+        },
         _ => text.to_owned(),
     }
 }

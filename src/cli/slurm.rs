@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use super::{GOOD, print};
 use crate::error::{Error, Result};
 use crate::run::store::Store;
-use crate::run::{RunOptions, Shard, default_folder, freeze};
+use crate::run::{RunOptions, Shard, check_folder, default_folder, freeze};
 use crate::study::Study;
 use crate::study::file::OnFailure;
 
@@ -55,11 +55,10 @@ pub fn slurm(arguments: &Arguments) -> Result<u8> {
     let out = out.canonicalize().map_err(io("find", &out))?;
     let folder = out.join("slurm");
     let shards = shards(arguments, &study, &folder);
-    freeze(
-        &study,
-        &RunOptions { out: out.clone(), shard: Some(Shard { index: 0, count: shards }), ..Default::default() },
-    )?;
-    let missing = missing(&study, &Store::read(&out, false)?, shards);
+    let options = RunOptions { out: out.clone(), shard: Some(Shard { index: 0, count: shards }), ..Default::default() };
+    check_folder(&study, &RunOptions { shard: None, ..options.clone() })?;
+    freeze(&study, &options, false)?;
+    let missing = missing(&study, &Store::read(&out, true)?, shards);
 
     let sinew = std::env::current_exe().map_err(io("find", Path::new("sinew")))?;
     let (array, merge) = (folder.join("array.sh"), folder.join("merge.sh"));

@@ -41,6 +41,9 @@ impl Collected {
 
 /// Writes all tables and the manifest from what is finished, in the order of the study.
 pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<Collected> {
+    // One at a time: a merge may meet another, or the end of a run. (Where there are no locks, files still appear whole.)
+    let lock = std::fs::File::create(folder.join(".tables.lock")).map_err(|e| Error::io("lock", folder, e))?;
+    let _ = lock.lock();
     let columns = Columns::of(study);
     let file = |name: &str| folder.join(format!("{name}.parquet"));
     let metadata = |table: &crate::tables::Table| {

@@ -115,7 +115,6 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
     std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
     check_folder(study, options)?;
     let store = Store::open(&options.out, options.shard, options.fresh)?;
-    freeze(study, options)?;
     if let Some(note) = version_note(study, &store).filter(|_| !options.outdated) {
         eprintln!("note: {note}");
     }
@@ -142,7 +141,12 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
         mine.iter().copied().filter(|block| block.iter().any(|job| is_pending[job.index])).collect();
     let count = pending.iter().flat_map(|block| block.iter()).filter(|job| is_pending[job.index]).count();
 
-    let mut desk = Desk { store, progress: Progress::new(count), stop, on_failure: study.on_failure, failure: false };
+    freeze(study, options, count > 0)?;
+    // When each job's line was written that a new one takes the place of.
+    let since: Vec<u64> = study.jobs.iter().map(|job| store.get(&job.id).map_or(0, |header| header.time_ms)).collect();
+
+    let mut desk =
+        Desk { since, store, progress: Progress::new(count), stop, on_failure: study.on_failure, failure: false };
     desk.work(&pool, &pending, |block, hand_in| {
         let last = block.iter().rposition(|job| is_pending[job.index]);
         let mut before = None;
@@ -186,6 +190,8 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
 /// Where finished jobs are handed in: kept, counted, shown.
 struct Desk<'r> {
     store: Store,
+    /// By job: when its line was written that a new one takes the place of, ms; 0 if there is none.
+    since: Vec<u64>,
     progress: Progress,
     stop: &'r AtomicBool,
     on_failure: OnFailure,
@@ -211,13 +217,13 @@ impl Desk<'_> {
             line: Vec<u8>,
         }
         let (send, receive) = mpsc::sync_channel::<Finished>(WAITING);
-        let (stop, at_failure) = (self.stop, self.on_failure == OnFailure::Stop);
+        let (stop, at_failure, since) = (self.stop, self.on_failure == OnFailure::Stop, &self.since);
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 pool.install(|| {
                     pieces.par_iter().with_max_len(1).for_each_with(send, |send, piece| {
                         let hand_in = |job: &Job, outcome: Outcome, retried: bool| {
-                            let line = store::line(&job.id, &outcome, retried);
+                            let line = store::line(&job.id, &outcome, retried, since[job.index]);
                             let (status, error) = (outcome.job.status, outcome.job.error);
                             if at_failure && status != Status::Converged {
                                 stop.store(true, Ordering::Relaxed);
@@ -261,6 +267,7 @@ const WAITING: usize = 4096;
 /// A second pass over what failed, when all else is done.
 fn retry_failed(study: &Study, desk: &mut Desk<'_>, pool: &rayon::ThreadPool, solver: &Solver<'_>) -> Result<()> {
     let candidates = retry::candidates(study, &desk.store);
+    candidates.iter().for_each(|job| desk.since[job.index] = desk.store.get(&job.id).map_or(0, |h| h.time_ms));
     let solved = retry::solved(study, &desk.store);
     let mut failed: Vec<(&Job, Outcome)> = Vec::new();
     for job in candidates {
@@ -306,7 +313,7 @@ fn quiet_workers() {
 }
 
 /// Refuses to write over the results of another study, or to mix shards of different plans.
-fn check_folder(study: &Study, options: &RunOptions) -> Result<()> {
+pub fn check_folder(study: &Study, options: &RunOptions) -> Result<()> {
     // A manifest that cannot be read is written anew.
     let Some(manifest) = Manifest::read(&options.out).unwrap_or(None) else { return Ok(()) };
     let refuse = |reason: String| Err(Error::table("run in", &options.out, reason));
@@ -329,14 +336,22 @@ fn check_folder(study: &Study, options: &RunOptions) -> Result<()> {
     Ok(())
 }
 
-/// Writes the plan before the first job begins.
-pub fn freeze(study: &Study, options: &RunOptions) -> Result<()> {
+/// Writes the plan before the first job begins. Where there is work to do, tables of an earlier run go: they would be taken for
+/// those of this one if it is cut off, and are made again from the finished jobs at any time.
+pub fn freeze(study: &Study, options: &RunOptions, work: bool) -> Result<()> {
     let there = Manifest::read(&options.out).unwrap_or(None);
-    if there.as_ref().is_some_and(|manifest| manifest.study.hash == study.hash() && options.shard.is_some()) {
+    let same = |manifest: &Manifest| {
+        manifest.study.hash == study.hash() && manifest.sources.study.text == study.sources.study.text
+    };
+    if options.shard.is_some() && there.as_ref().is_some_and(same) {
         return Ok(());
     }
-    // Tables that are there stay described until they are written anew.
-    let files = there.map(|manifest| manifest.files).unwrap_or_default();
+    let mut files = there.map(|manifest| manifest.files).unwrap_or_default();
+    if work && options.shard.is_none() {
+        for name in std::mem::take(&mut files).into_keys() {
+            let _ = std::fs::remove_file(options.out.join(name));
+        }
+    }
     Manifest { files, ..Manifest::of(study) }.write(&options.out)
 }
 

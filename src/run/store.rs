@@ -54,8 +54,8 @@ pub struct Store {
     pub damaged: usize,
 }
 
-/// The line of a finished job.
-pub fn line(job_id: &str, outcome: &Outcome, retried: bool) -> Vec<u8> {
+/// The line of a finished job. It is later than `after` (ms since 1970), the line that it takes the place of, whatever the clock.
+pub fn line(job_id: &str, outcome: &Outcome, retried: bool, after: u64) -> Vec<u8> {
     let body = serde_json::to_vec(outcome).expect("rows are plain data");
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64);
     let header = Header {
@@ -63,7 +63,7 @@ pub fn line(job_id: &str, outcome: &Outcome, retried: bool) -> Vec<u8> {
         status: outcome.job.status,
         solver: SOLVER.to_owned(),
         retried,
-        time_ms: now,
+        time_ms: now.max(after + 1),
         length: body.len(),
         check: hash(&body),
     };
@@ -73,6 +73,13 @@ pub fn line(job_id: &str, outcome: &Outcome, retried: bool) -> Vec<u8> {
     line.extend_from_slice(&body);
     line.extend_from_slice(b"}\n");
     line
+}
+
+const BUSY: &str = "another run is at work in this folder; wait for it, or choose another --out";
+
+/// Whether some process writes to a file of finished jobs.
+fn is_held(path: &Path) -> bool {
+    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 fn hash(bytes: &[u8]) -> String {
@@ -139,7 +146,11 @@ impl Store {
         let (own, file) = Self::own(folder, shard)?;
         let paths = Self::paths(folder)?;
         if fresh {
-            for path in paths.iter().filter(|path| **path != own) {
+            let others: Vec<&PathBuf> = paths.iter().filter(|path| **path != own).collect();
+            if let Some(held) = others.iter().find(|path| is_held(path)) {
+                return Err(Error::io("remove", held, std::io::Error::other(BUSY)));
+            }
+            for path in others {
                 std::fs::remove_file(path).map_err(|e| Error::io("remove", path, e))?;
             }
             file.set_len(0).map_err(|e| Error::io("empty", &own, e))?;
@@ -203,12 +214,17 @@ impl Store {
             match file.try_lock() {
                 Ok(()) => return Ok((path, file)),
                 Err(TryLockError::WouldBlock) if shard.is_none() => {
-                    let busy = "another run is at work in this folder; wait for it, or choose another --out";
-                    return Err(Error::io("open", &path, std::io::Error::other(busy)));
+                    return Err(Error::io("open", &path, std::io::Error::other(BUSY)));
                 }
                 Err(TryLockError::WouldBlock) => {}
-                // Some network file systems know no locks.
-                Err(TryLockError::Error(_)) => return Ok((path, file)),
+                // Some network file systems know no locks: a file that nobody else would take.
+                Err(TryLockError::Error(_)) => {
+                    let part = shard.map_or("all".to_owned(), |shard| format!("{}-of-{}", shard.index, shard.count));
+                    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_nanos());
+                    let path = folder.join(format!("finished.{part}.{}-{now}.jsonl", std::process::id()));
+                    let file = OpenOptions::new().create_new(true).read(true).write(true).open(&path);
+                    return file.map(|file| (path.clone(), file)).map_err(|e| Error::io("create", &path, e));
+                }
             }
         }
         unreachable!("some attempt gets its lock")
@@ -221,10 +237,7 @@ impl Store {
 
     /// Whether some process is writing in the folder.
     pub fn at_work(folder: &Path) -> bool {
-        let locked = |path: &PathBuf| {
-            File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
-        };
-        Self::paths(folder).is_ok_and(|paths| paths.iter().any(locked))
+        Self::paths(folder).is_ok_and(|paths| paths.iter().any(|path| is_held(path)))
     }
 
     /// Takes in all lines of a file; returns where the last whole one ends.
@@ -254,7 +267,9 @@ impl Store {
 
     fn insert(&mut self, entry: Entry) {
         let known = self.entries.get(&entry.header.job_id);
-        if known.is_none_or(|known| known.header.time_ms <= entry.header.time_ms) {
+        // Within a file the order of the lines is that of time.
+        let later = |known: &Entry| known.file == entry.file || known.header.time_ms <= entry.header.time_ms;
+        if known.is_none_or(later) {
             self.entries.insert(entry.header.job_id.clone(), entry);
         }
     }
@@ -277,13 +292,22 @@ impl Store {
         serde_json::from_slice(&body).map(Some).map_err(|e| damaged(e.to_string()))
     }
 
-    /// Writes lines of finished jobs and waits until the disk has them.
+    /// Writes lines of finished jobs and waits until the disk has them. Where it takes no more, as many as it takes.
     pub fn add(&mut self, lines: &[Vec<u8>]) -> Result<()> {
+        match self.append(lines) {
+            Err(_) if lines.len() > 1 => lines.chunks(1).try_for_each(|line| self.append(line)),
+            result => result,
+        }
+    }
+
+    /// All of the lines, or none.
+    fn append(&mut self, lines: &[Vec<u8>]) -> Result<()> {
         let (place, end) = self.own.expect("the store is open for writing");
         let (path, file) = &mut self.files[place];
-        let text = lines.concat();
-        let written =
-            file.seek(SeekFrom::Start(end)).and_then(|_| file.write_all(&text)).and_then(|()| file.sync_data());
+        let written = file
+            .seek(SeekFrom::Start(end))
+            .and_then(|_| file.write_all(&lines.concat()))
+            .and_then(|()| file.sync_data());
         if let Err(error) = written {
             let _ = file.set_len(end); // no half line stays
             return Err(Error::io("write", path, error));
@@ -291,7 +315,8 @@ impl Store {
         let mut offset = end;
         for line in lines {
             let (header, start) = parse(line).expect("a line made by `line`");
-            self.entries.insert(header.job_id.clone(), Entry { header, file: place, offset: offset + start as u64 });
+            let entry = Entry { header, file: place, offset: offset + start as u64 };
+            self.entries.insert(entry.header.job_id.clone(), entry);
             offset += line.len() as u64;
         }
         self.own = Some((place, offset));
@@ -311,8 +336,8 @@ mod tests {
     fn lines_come_back_whatever_happens_to_the_last() {
         let folder = tempfile::tempdir().unwrap();
         let mut store = Store::open(folder.path(), None, false).unwrap();
-        store.add(&[line("a", &outcome("one"), false), line("b", &outcome("two"), false)]).unwrap();
-        store.add(&[line("a", &outcome("three"), true)]).unwrap();
+        store.add(&[line("a", &outcome("one"), false, 0), line("b", &outcome("two"), false, 0)]).unwrap();
+        store.add(&[line("a", &outcome("three"), true, 0)]).unwrap();
         assert_eq!(store.outcome("a").unwrap(), Some(outcome("three")));
         drop(store);
         let path = folder.path().join("finished.jsonl");
@@ -325,7 +350,7 @@ mod tests {
             let expected = ["", "one", "one", "three"][kept];
             assert_eq!(store.outcome("a").unwrap().and_then(|o| o.job.error).unwrap_or_default(), expected);
             assert_eq!(store.outcome("b").unwrap().is_some(), kept >= 2);
-            store.add(&[line("c", &outcome("new"), false)]).unwrap();
+            store.add(&[line("c", &outcome("new"), false, 0)]).unwrap();
             drop(store);
             let mut store = Store::read(folder.path(), true).unwrap();
             assert_eq!((store.damaged, store.outcome("c").unwrap()), (0, Some(outcome("new"))));
@@ -336,7 +361,7 @@ mod tests {
     fn a_changed_byte_is_seen() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("finished.jsonl");
-        let whole = line("a", &outcome("one"), false);
+        let whole = line("a", &outcome("one"), false, 0);
         for i in 0..whole.len() {
             let mut bytes = whole.clone();
             bytes[i] ^= 1;
@@ -350,18 +375,33 @@ mod tests {
     }
 
     #[test]
+    fn a_later_line_counts_whatever_the_clocks_say() {
+        let folder = tempfile::tempdir().unwrap();
+        let shard = |index| Some(Shard { index, count: 2 });
+        let mut ahead = Store::open(folder.path(), shard(0), false).unwrap();
+        ahead.add(&[line("a", &outcome("one"), false, u64::MAX / 2)]).unwrap(); // a clock far ahead
+        let after = ahead.get("a").unwrap().time_ms;
+        drop(ahead);
+        let mut store = Store::open(folder.path(), None, false).unwrap();
+        store.add(&[line("a", &outcome("two"), true, after)]).unwrap();
+        drop(store);
+        assert_eq!(Store::read(folder.path(), true).unwrap().outcome("a").unwrap(), Some(outcome("two")));
+    }
+
+    #[test]
     fn shards_write_side_by_side_and_a_held_file_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let shard = |index| Some(Shard { index, count: 2 });
         let mut one = Store::open(folder.path(), shard(0), false).unwrap();
         let mut two = Store::open(folder.path(), shard(1), false).unwrap();
         let mut again = Store::open(folder.path(), shard(0), false).unwrap();
-        one.add(&[line("a", &outcome("one"), false)]).unwrap();
-        two.add(&[line("b", &outcome("two"), false)]).unwrap();
-        again.add(&[line("c", &outcome("three"), false)]).unwrap();
+        one.add(&[line("a", &outcome("one"), false, 0)]).unwrap();
+        two.add(&[line("b", &outcome("two"), false, 0)]).unwrap();
+        again.add(&[line("c", &outcome("three"), false, 0)]).unwrap();
         let store = Store::read(folder.path(), true).unwrap();
         assert!(["a", "b", "c"].iter().all(|id| store.get(id).is_some()));
         assert!(Store::at_work(folder.path()));
+        assert!(Store::open(folder.path(), None, true).is_err(), "their files are not forgotten under their hands");
         drop((one, two, again));
         assert!(!Store::at_work(folder.path()));
     }

@@ -95,7 +95,7 @@ pub fn number_at(model: &toml::Table, path: &str) -> Option<f64> {
 impl ModelChange {
     pub fn new(path: &str, value: &Value) -> Result<Self, Complaint> {
         match value.number() {
-            Some(value) if value.is_finite() => Ok(Self { path: path.to_owned(), value }),
+            Some(value) if value.is_finite() => Ok(Self { path: path.to_owned(), value: value + 0.0 }), // no −0
             _ => Err(Complaint::new(format!("found {}", describe(value)), "a model's number must be a finite number")),
         }
     }

@@ -207,7 +207,13 @@ impl<'m> Plan<'m> {
             // A table is [sweep], several are [[sweep]]; a path through the one has no index.
             let place =
                 if sweeps.len() == 1 { vec!["sweep".to_owned()] } else { vec!["sweep".to_owned(), i.to_string()] };
-            let expansion = sweep::expand(sweep, &place, &|name| plan.fixed(name))?;
+            let value = |point: &Point, name: &str| plan.value_at(point, name);
+            let check = |name: &str, value: &Value| match is_model_path(name) || name == sweep::SAMPLE {
+                true if value.number().is_none() => Err(Complaint::new(format!("found {value}"), "it is a number")),
+                true => Ok(()),
+                false => Settings::default().set(name, value, &plan.coordinates),
+            };
+            let expansion = sweep::expand(sweep, &place, &sweep::Context { value: &value, check: &check })?;
             for (name, place) in &expansion.axes {
                 if **name != *sweep::SAMPLE {
                     plan.learn(name).map_err(|c| complaint_at(place.clone(), c))?;
@@ -216,6 +222,7 @@ impl<'m> Plan<'m> {
             }
             plan.sweeps.push(expansion);
         }
+        plan.check_overlaps()?;
         Ok(plan)
     }
 
@@ -252,14 +259,69 @@ impl<'m> Plan<'m> {
         Ok(())
     }
 
-    /// What a job has under a name that is not swept for it.
-    fn fixed(&self, name: &str) -> Option<Value> {
+    /// What a job at a point has under a name, for conditions.
+    fn value_at(&self, point: &Point, name: &str) -> Option<Value> {
+        if let Some((_, value)) = point.iter().find(|(own, _)| **own == *name) {
+            return Some(value.clone());
+        }
         if !is_model_path(name) {
             return self.base.get(name);
         }
-        let paths = change::matching(self.model_table, name).ok()?;
+        let wanted = change::matching(self.model_table, name).ok()?;
+        let covers = |(own, _): &&(Arc<str>, Value)| {
+            is_model_path(own)
+                && change::matching(self.model_table, own)
+                    .is_ok_and(|paths| wanted.iter().all(|path| paths.contains(path)))
+        };
+        let covered = point.iter().find(covers).map(|(_, value)| value.clone());
+        covered.or_else(|| self.value(name, &self.base, &self.base_changes))
+    }
+
+    /// Refuses axes that would set the same thing in one job.
+    fn check_overlaps(&self) -> std::result::Result<(), Issue> {
+        let mut seen: HashSet<Vec<&str>> = HashSet::new();
+        for point in self.sweeps.iter().flat_map(|sweep| &sweep.points) {
+            let names: Vec<&str> = point.iter().map(|(name, _)| &**name).collect();
+            if !seen.insert(names.clone()) {
+                continue;
+            }
+            let mut owners: HashMap<String, &str> = HashMap::new();
+            for name in names {
+                for target in self.targets(name) {
+                    if let Some(other) = owners.insert(target.clone(), name) {
+                        let message = format!("`{name}` and `{other}` both set {target}");
+                        let help = "a job has one value of each: sweep it under one name, or in two sweeps ([[sweep]])";
+                        return Err(sweep::issue(self.place(name), message, help));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What a swept name sets.
+    fn targets(&self, name: &str) -> Vec<String> {
+        match self.paths.get(name) {
+            Some(paths) => paths.clone(),
+            None => vec![name.trim_end_matches("_deg").trim_end_matches("_rad").to_owned()],
+        }
+    }
+
+    /// What settings and changes have under a name; `None` where the paths it stands for differ.
+    fn value(&self, name: &str, settings: &Settings, changes: &[ModelChange]) -> Option<Value> {
+        if !is_model_path(name) {
+            return settings.get(name);
+        }
+        let found: Vec<String>;
+        let paths = match self.paths.get(name) {
+            Some(paths) => paths,
+            None => {
+                found = change::matching(self.model_table, name).ok()?;
+                &found
+            }
+        };
         let number = |path: &String| {
-            let set = self.base_changes.iter().find(|change| change.path == *path).map(|change| change.value);
+            let set = changes.iter().find(|change| change.path == *path).map(|change| change.value);
             let factor = path.ends_with("_scale").then_some(1.0);
             set.or_else(|| change::number_at(self.model_table, path)).or(factor)
         };
@@ -270,7 +332,6 @@ impl<'m> Plan<'m> {
 
     /// The jobs in the order of the sweeps, each once.
     fn jobs(&self, motion: &MotionTable, model_hash: &str, motion_hash: &str) -> std::result::Result<Vec<Job>, Issue> {
-        let fixed: Vec<Option<Value>> = self.axes.keys().map(|name| self.fixed(name)).collect();
         let mut jobs: Vec<Job> = Vec::with_capacity(self.sweeps.iter().map(|sweep| sweep.points.len()).sum());
         let mut known = HashSet::new();
         for sweep in &self.sweeps {
@@ -278,15 +339,16 @@ impl<'m> Plan<'m> {
             for point in &sweep.points {
                 let (settings, changes) = self.resolved(point)?;
                 let points = settings.points(motion.duration()).map_err(|c| complaint_at(self.place("h"), c))?;
-                let swept: Vec<Option<Value>> = (self.axes.keys().zip(&fixed))
-                    .map(|(axis, fixed)| {
+                let swept: Vec<Option<Value>> = (self.axes.keys())
+                    .map(|axis| {
                         let own = point.iter().find(|(name, _)| name == axis).map(|(_, value)| value.clone());
-                        own.or_else(|| fixed.clone())
+                        own.or_else(|| self.value(axis, &settings, &changes))
                     })
                     .collect();
+                let canonical = settings.canonical();
                 let identity = Identity {
                     schema: SCHEMA_VERSION,
-                    settings: &settings,
+                    settings: &canonical,
                     changes: &changes,
                     model: model_hash,
                     motion: motion_hash,
@@ -408,6 +470,10 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
                 format!("`{}` is there twice", ratio.name),
                 help,
             ));
+        }
+        if ratio.measure.0.is_empty() {
+            let help = "leave it out for mean_force, or name one: mean_force, peak_force, impulse, activation";
+            return Err(Issue::new(&["ratio", &index.to_string(), "measure"], "no measure", help));
         }
         resolved.push(Ratio {
             name: ratio.name.clone(),

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::file::{Method, Sample};
 use super::settings::Value;
-use super::sweep::{Expansion, Place, Range, SAMPLE, at, issue, values};
+use super::sweep::{Expansion, Place, Range, SAMPLE, at, check_name, issue, values};
 use crate::error::Issue;
 
 /// Most samples and parameters of the Sobol' sequence (its library's tables).
@@ -88,6 +88,7 @@ enum Draw {
 
 impl Draw {
     fn new(name: &str, spec: &toml::Value, place: &Place) -> Result<Self, Issue> {
+        check_name(name, spec, place)?;
         match spec {
             toml::Value::Array(_) => Ok(Draw::Choice(values(name, spec, place)?)),
             toml::Value::Table(range) if range.keys().all(|k| ["from", "to", "scale"].contains(&k.as_str())) => {

@@ -349,6 +349,16 @@ impl Settings {
         }))
     }
 
+    /// The same job in one way of writing: what its scheme does not look at, and what follows from the rest.
+    pub fn canonical(&self) -> Self {
+        let mut same = self.clone();
+        same.measurement_ratio = Some(self.measured_per_interval());
+        if self.scheme == Scheme::Midpoint {
+            (same.stages, same.initial) = (1, Initial::Equilibrium);
+        }
+        same
+    }
+
     /// Collocation points in an interval of length h.
     pub fn points_per_interval(&self) -> usize {
         if self.scheme == Scheme::Radau { self.stages } else { 1 }
@@ -460,7 +470,7 @@ pub fn describe(value: &Value) -> String {
 
 fn number(value: &Value, range: std::ops::RangeInclusive<f64>, allowed: &str) -> Result<f64, Complaint> {
     match value.number() {
-        Some(number) if range.contains(&number) => Ok(number),
+        Some(number) if range.contains(&number) => Ok(number + 0.0), // no −0
         _ => Err(Complaint::new(format!("found {}", describe(value)), format!("it must be {allowed}"))),
     }
 }

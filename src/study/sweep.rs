@@ -29,7 +29,7 @@ use indexmap::IndexMap;
 
 use super::file::{Sweep, shown};
 use super::sample::samples;
-use super::settings::Value;
+use super::settings::{Complaint, Value};
 use crate::error::Issue;
 
 /// What a sweep sets for one job.
@@ -59,17 +59,25 @@ pub fn issue(path: Place, message: impl Into<String>, help: impl Into<String>) -
     Issue { path, message: message.into(), help: Some(help.into()) }
 }
 
-/// Expands a sweep; an empty one is a single job. `fixed` gives what a job has that the sweep does not set.
+/// What conditions ask of the study around the sweep.
+pub struct Context<'c> {
+    /// What a job at this point has under a name: by the point, a wildcard in it, or the base.
+    pub value: &'c dyn Fn(&Point, &str) -> Option<Value>,
+    /// Whether a name may have this value.
+    pub check: &'c dyn Fn(&str, &Value) -> Result<(), Complaint>,
+}
+
+/// Expands a sweep; an empty one is a single job.
 ///
 /// # Errors
 /// An [`Issue`] with the place of the axis at fault.
-pub fn expand(sweep: &Sweep, place: &[String], fixed: &dyn Fn(&str) -> Option<Value>) -> Result<Expansion, Issue> {
+pub fn expand(sweep: &Sweep, place: &[String], context: &Context<'_>) -> Result<Expansion, Issue> {
     let mut whole = Expansion { points: vec![Vec::new()], axes: IndexMap::new() };
     if let Some(sample) = &sweep.sample {
         whole = multiply(whole, samples(sample, &at(place, &["sample"]))?, place)?;
     }
     for (name, group) in &sweep.group {
-        whole = multiply(whole, expand(group, &at(place, &["group", name]), fixed)?, place)?;
+        whole = multiply(whole, expand(group, &at(place, &["group", name]), context)?, place)?;
     }
     if !sweep.list.is_empty() {
         whole = multiply(whole, list(&sweep.list, &at(place, &["list"]))?, place)?;
@@ -85,14 +93,25 @@ pub fn expand(sweep: &Sweep, place: &[String], fixed: &dyn Fn(&str) -> Option<Va
     if let Some(table) = &sweep.zip {
         whole = multiply(whole, zip(axes(table, &at(place, &["zip"]))?)?, place)?;
     }
+    for (name, group) in &sweep.group {
+        let own: Vec<&String> = group.when.iter().chain(&group.exclude).flat_map(toml::Table::keys).collect();
+        let outside = |key: &&&String| {
+            whole.axes.get(key.as_str()).is_some_and(|path| !path.starts_with(&at(place, &["group", name])))
+        };
+        if let Some(key) = own.iter().find(outside) {
+            let message = format!("a condition on `{key}`, which is swept outside the group");
+            let help = "put it beside the groups, as [[sweep.when]] or [[sweep.exclude]]";
+            return Err(issue(at(place, &["group", name]), message, help));
+        }
+    }
     for (patterns, keep, key) in [(&sweep.when, true, "when"), (&sweep.exclude, false, "exclude")] {
         if patterns.is_empty() {
             continue;
         }
         let patterns = (patterns.iter().enumerate())
-            .map(|(i, table)| pattern(table, &at(place, &[key, &i.to_string()]), &whole, fixed))
+            .map(|(i, table)| pattern(table, &at(place, &[key, &i.to_string()]), &whole, context))
             .collect::<Result<Vec<_>, _>>()?;
-        whole.points.retain(|point| patterns.iter().any(|p| p.iter().all(|test| test.holds(point, fixed))) == keep);
+        whole.points.retain(|point| patterns.iter().any(|p| p.iter().all(|test| test.holds(point, context))) == keep);
         if whole.points.is_empty() {
             let help = "remove a condition, or widen it: `when` keeps what matches all keys of one of its tables, \
                         `exclude` leaves that out";
@@ -224,10 +243,15 @@ fn list(jobs: &[toml::Table], place: &[String]) -> Result<Expansion, Issue> {
     Ok(whole)
 }
 
-fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
+pub fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
     if name == SAMPLE {
         return Err(issue(place.to_vec(), "`sample` numbers the samples", "use [sweep.sample] with count and seed"));
     }
+    check_quoted(name, spec, place)
+}
+
+/// Refuses `muscle.triceps.… =` without quotes, which is a table of tables.
+fn check_quoted(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
     if let (toml::Value::Table(inner), true) = (spec, super::change::GROUPS.contains(&name) || name == "motion") {
         let first = inner.keys().next().map_or("…", String::as_str);
         return Err(issue(
@@ -255,8 +279,8 @@ pub fn values(name: &str, spec: &toml::Value, place: &[String]) -> Result<Vec<Va
                 })
             })
             .collect(),
-        toml::Value::Table(range) => {
-            for key in range.keys() {
+        toml::Value::Table(table) => {
+            for key in table.keys() {
                 if !["from", "to", "count", "scale"].contains(&key.as_str()) {
                     return Err(issue(
                         at(place, &[key]),
@@ -265,9 +289,11 @@ pub fn values(name: &str, spec: &toml::Value, place: &[String]) -> Result<Vec<Va
                     ));
                 }
             }
-            let range = Range::new(range, place)?;
+            let range = Range::new(table, place)?;
             let count = range.count.ok_or_else(|| {
-                fail("the range has no `count` from 1 on".into(), "say how many values, such as count = 5")
+                let found = table.get("count").map_or("no `count`".to_owned(), |found| format!("count = {found}"));
+                let help = format!("a range says how many values, such as count = 5, from 1 to {MOST_JOBS}");
+                issue(place.to_vec(), format!("the range has {found}"), help)
             })?;
             Ok((0..count).map(|i| range.value(i, count)).collect())
         }
@@ -321,16 +347,19 @@ impl Range {
 
     /// Value `i` of `count`; both ends are met exactly.
     fn value(&self, i: usize, count: usize) -> Value {
-        let x = match i {
-            0 => self.from,
-            _ if i + 1 == count => self.to,
+        let inner = match i {
+            0 => return self.end(self.from),
+            _ if i + 1 == count => return self.end(self.to),
             _ if self.log => self.share(i as f64 / (count - 1) as f64),
             // Multiplied first, so that whole steps are met exactly.
             _ => self.from + i as f64 * (self.to - self.from) / (count - 1) as f64,
         };
         // 15 digits: 0.3 and not 0.30000000000000004, and the same number by whatever range it comes.
-        let x: f64 = format!("{x:.14e}").parse().expect("written a moment ago");
-        // Whole numbers between whole ends stay whole: starts, seeds, ratios.
+        self.end(format!("{inner:.14e}").parse().expect("written a moment ago"))
+    }
+
+    /// Whole numbers between whole ends stay whole: starts, seeds, ratios.
+    fn end(&self, x: f64) -> Value {
         if self.whole && x.fract() == 0.0 { Value::Integer(x as i64) } else { Value::Number(x) }
     }
 }
@@ -347,9 +376,8 @@ enum Allowed {
 }
 
 impl Test {
-    fn holds(&self, point: &Point, fixed: &dyn Fn(&str) -> Option<Value>) -> bool {
-        let swept = point.iter().find(|(name, _)| **name == *self.name).map(|(_, value)| value.clone());
-        let Some(value) = swept.or_else(|| fixed(&self.name)) else { return false };
+    fn holds(&self, point: &Point, context: &Context<'_>) -> bool {
+        let Some(value) = (context.value)(point, &self.name) else { return false };
         match &self.allowed {
             Allowed::OneOf(values) => values.iter().any(|allowed| allowed.same(&value)),
             Allowed::Between(from, to) => value.number().is_some_and(|number| (*from..=*to).contains(&number)),
@@ -361,16 +389,23 @@ fn pattern(
     table: &toml::Table,
     place: &[String],
     sweep: &Expansion,
-    fixed: &dyn Fn(&str) -> Option<Value>,
+    context: &Context<'_>,
 ) -> Result<Vec<Test>, Issue> {
     let test = |(name, spec): (&String, &toml::Value)| {
         let place = at(place, &[name]);
-        if !sweep.axes.contains_key(name.as_str()) && fixed(name).is_none() {
+        check_quoted(name, spec, &place)?;
+        if !sweep.axes.contains_key(name.as_str()) && (context.value)(&Point::new(), name).is_none() {
             let swept: Vec<&str> = sweep.axes.keys().map(|axis| &**axis).collect();
             let near = crate::error::nearest(name, swept.iter().copied()).map(|n| format!("did you mean `{n}`? "));
             let help = format!("{}swept here: {}", near.unwrap_or_default(), swept.join(", "));
             return Err(issue(place, format!("a condition on `{name}`, which no job has"), help));
         }
+        let single = |spec: &toml::Value| {
+            let help = "a condition is a value, a list of values, or a range { from = …, to = … }";
+            let value = Value::of(spec).ok_or_else(|| issue(place.clone(), format!("found {spec}"), help))?;
+            (context.check)(name, &value).map_err(|c| issue(place.clone(), c.message, c.help))?;
+            Ok(value)
+        };
         let allowed = match spec {
             toml::Value::Table(range) => {
                 let end = |key: &str, open: f64| match range.get(key) {
@@ -386,13 +421,8 @@ fn pattern(
                     }
                 }
             }
-            toml::Value::Array(_) => Allowed::OneOf(values(name, spec, &place)?),
-            other => match Value::of(other) {
-                Some(value) => Allowed::OneOf(vec![value]),
-                None => {
-                    return Err(issue(place, format!("found {other}"), "a condition is a value, a list or a range"));
-                }
-            },
+            toml::Value::Array(items) => Allowed::OneOf(items.iter().map(single).collect::<Result<_, Issue>>()?),
+            other => Allowed::OneOf(vec![single(other)?]),
         };
         Ok(Test { name: name.clone(), allowed })
     };
@@ -412,9 +442,16 @@ mod tests {
 
     fn expand_text(text: &str) -> Result<Vec<String>, String> {
         let sweep: Sweep = toml::from_str(text).map_err(|e| e.message().to_owned())?;
-        let fixed = |name: &str| (name == "stages").then_some(Value::Integer(1));
-        let expansion =
-            expand(&sweep, &["sweep".to_owned()], &fixed).map_err(|i| format!("{:?} {}", i.path, i.message))?;
+        let value = |point: &Point, name: &str| {
+            let own = point.iter().find(|(n, _)| **n == *name).map(|(_, value)| value.clone());
+            own.or((name == "stages").then_some(Value::Integer(1)))
+        };
+        let check = |name: &str, value: &Value| match (name, value.number()) {
+            ("stages", None) => Err(Complaint::new("found a text", "a number")),
+            _ => Ok(()),
+        };
+        let expansion = expand(&sweep, &["sweep".to_owned()], &Context { value: &value, check: &check })
+            .map_err(|i| format!("{:?} {}", i.path, i.message))?;
         let text = |p: &Point| p.iter().map(|(n, v)| format!("{n}{v}")).collect::<Vec<_>>().join(" ");
         Ok(expansion.points.iter().map(text).collect())
     }
@@ -477,6 +514,11 @@ mod tests {
             ("[grid]\na = [1]\n[[exclude]]\na = 1", "leave no job"),
             ("[grid]\nbounds = [1]\n[[when]]\nbound = 1", "which no job has"),
             ("[grid]\na = [1]\n[[when]]\na = { form = 1 }", "found { form = 1 }"),
+            ("[grid]\na = [1]\n[[when]]\nstages = 'one'", "found a text"),
+            ("[grid]\na = [1]\n[group.g]\ngrid = { b = [1] }\nwhen = [{ a = 1 }]", "no job has"),
+            ("[grid]\nstages = [1]\n[group.g]\ngrid = { b = [1] }\nwhen = [{ stages = 1 }]", "swept outside the group"),
+            ("[grid]\na = { from = 1, to = 2, count = -1 }", "count = -1"),
+            ("[sample]\ncount = 3\nseed = 1\nsample = [1]", "numbers the samples"),
             ("[[list]]\na = 1\n[[list]]\na = 1", "entries 0 and 1"),
             ("[[list]]\na = [1]", "found [1]"),
             ("[grid]\na = [1, 2, 1.0]", "1 is there twice"),

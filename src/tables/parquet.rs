@@ -24,7 +24,13 @@ pub struct Writer {
 impl Writer {
     /// `metadata` become the file's key–value metadata.
     pub fn new(path: &Path, metadata: Vec<(String, String)>) -> Self {
-        Self { path: path.to_owned(), partial: path.with_extension("parquet.part"), metadata, file: None, rows: 0 }
+        Self {
+            path: path.to_owned(),
+            partial: path.with_extension(format!("parquet.{}.part", std::process::id())),
+            metadata,
+            file: None,
+            rows: 0,
+        }
     }
 
     /// Adds the rows of a table.
@@ -71,7 +77,10 @@ fn column(name: &str, values: &Values) -> Column {
 /// Reads a table back.
 pub fn read(name: &'static str, path: &Path) -> Result<Table> {
     let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
-    let frame = ParquetReader::new(file).finish().map_err(|e| Error::table("read", path, e))?;
+    // A damaged file may make the reader panic: an error like any other.
+    let frame = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| ParquetReader::new(file).finish()))
+        .unwrap_or_else(|_| Err(polars::prelude::PolarsError::ComputeError("the file is damaged".into())))
+        .map_err(|e| Error::table("read", path, e))?;
     let bad = |e: polars::prelude::PolarsError| Error::table("read", path, e);
     let mut columns = Vec::new();
     for column in frame.columns() {

@@ -163,6 +163,30 @@ fn mistakes() -> Vec<Mistake> {
             &["unknown variant `meanforce`", "did you mean `mean_force`"],
         ),
         study(
+            "two axes for one thing",
+            "[sweep.grid]",
+            "[sweep.zip]\n'muscle.*.optimal_fibre_length_scale' = [1.1]\n'muscle.biceps.optimal_fibre_length_scale' = [1.2]\n[sweep.grid]",
+            &["both set muscle.biceps.optimal_fibre_length_scale", "[[sweep]]"],
+        ),
+        study(
+            "a misspelt condition",
+            "[sweep.grid]",
+            "[[sweep.exclude]]\nbounds = 'bth'\n[sweep.grid]",
+            &["sweep.exclude.0.bounds", "did you mean \"both\""],
+        ),
+        study(
+            "a condition on what a group does not sweep",
+            "[sweep.grid]",
+            "[sweep.group.g]\ngrid = { stages = [1, 2] }\nexclude = [{ mu = 0.1 }]\n[sweep.grid]",
+            &["`mu`, which is swept outside the group", "beside the groups"],
+        ),
+        study(
+            "an unquoted path in a sample",
+            "[sweep.grid]",
+            "[sweep.sample]\ncount = 3\nseed = 1\nmuscle.biceps.optimal_fibre_length = { from = 1, to = 2 }\n[sweep.grid]",
+            &["quote the whole name"],
+        ),
+        study(
             "an unknown policy",
             "name =",
             "on_failure = 'rety'\nname =",

@@ -130,6 +130,48 @@ fn jobs_that_are_new_missing_or_newly_failed_are_told_apart() {
 }
 
 #[test]
+fn what_is_gone_is_drift_and_mistakes_are_refused() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let at = folder.path();
+    assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));
+    let code = |arguments: &[&str]| {
+        let run = sinew(&[&["compare"], arguments].concat(), at);
+        let shown = (text(&run.stdout) + &text(&run.stderr)).replace(['│', '\n'], " ");
+        (run.status.code().unwrap(), shown.split_whitespace().collect::<Vec<_>>().join(" "))
+    };
+    assert_eq!(code(&["nosuch", "base", "--accept"]).0, 2);
+    assert!(!at.join("base").exists());
+    assert_eq!(code(&["results/small", "results/small", "--accept"]).0, 2);
+    assert_eq!(code(&["results/small", "base", "--accept"]).0, 0);
+    for (tolerance, says) in
+        [("nonsense=1e-4", "no table of the baseline"), ("mu=-1", "no tolerance"), ("mu", "COLUMN=")]
+    {
+        let (code, shown) = code(&["results/small", "base", "--tolerance", tolerance]);
+        assert!(code == 2 && shown.contains(says), "{tolerance}: {shown}");
+    }
+    for text in ["objective = { relatve = 0.1 }", "objective = -1.0", "objective = nan"] {
+        std::fs::write(at.join("base/tolerances.toml"), text).unwrap();
+        assert_eq!(code(&["results/small", "base"]).0, 2, "{text}");
+    }
+    std::fs::remove_file(at.join("base/tolerances.toml")).unwrap();
+    // A relative tolerance keeps the usual absolute one beside it.
+    alter(&at.join("results/small"), "muscles", |t| {
+        let Values::Number(values) = column(t, "min_force_n") else { unreachable!() };
+        values[0] = values[0].map(|v| v + 1e-10);
+    });
+    assert_eq!(code(&["results/small", "base", "--tolerance", "min_force_n=1e-4"]).0, 0);
+    alter(&at.join("results/small"), "jobs", |t| t.columns.retain(|(name, _)| name != "objective"));
+    let (drift, shown) = code(&["results/small", "base"]);
+    assert!(drift == 1 && shown.contains("the column jobs.objective is in the baseline only"), "{shown}");
+    std::fs::remove_file(at.join("results/small/muscles.parquet")).unwrap();
+    let (drift, shown) = code(&["results/small", "base", "--junit", "gone.xml"]);
+    assert!(drift == 1 && shown.contains("the table muscles"), "{shown}");
+    assert!(std::fs::read_to_string(at.join("gone.xml")).unwrap().contains("failures=\"2\""));
+    std::fs::write(at.join("results/small/jobs.parquet"), b"PAR1 nothing PAR1").unwrap();
+    assert_eq!(code(&["results/small", "base"]).0, 2, "a damaged file");
+}
+
+#[test]
 fn other_columns_have_no_hidden_difference() {
     // Each column in turn is made different in one row: it is reported, or it is one of those that are ignored.
     let folder = folder(&[("study.toml", SMALL)]);

@@ -210,6 +210,70 @@ fn plan_says_why_each_job_would_run() {
 }
 
 #[test]
+fn tables_of_an_earlier_run_are_not_taken_for_those_of_one_that_was_cut_off() {
+    let folder = folder(&[("study.toml", LONG)]);
+    let at = folder.path();
+    assert!(begin(at, "out").wait().unwrap().success());
+    let mut again = Command::new(env!("CARGO_BIN_EXE_sinew"))
+        .args(["run", "study.toml", "--jobs", "1", "--out", "out", "--fresh"])
+        .current_dir(at)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !std::fs::read_to_string(at.join("out/finished.jsonl")).is_ok_and(|t| (1..36).contains(&t.lines().count())) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    again.kill().unwrap();
+    again.wait().unwrap();
+    let compare = sinew(&["compare", "out", "out"], at);
+    assert_eq!(compare.status.code(), Some(2), "{}", text(&compare.stdout));
+    let show = sinew(&["show", "out"], at);
+    assert!(show.status.code() == Some(2) && text(&show.stderr).contains("has not ended"), "{}", text(&show.stderr));
+}
+
+#[test]
+fn merges_may_meet_and_damage_is_run_again() {
+    let folder = folder(&[("study.toml", &LONG.replace("count = 12", "count = 4"))]);
+    let at = folder.path();
+    let shard = |part: &str| sinew(&["run", "study.toml", "--out", "out", "--shard", part], at).status.code();
+    assert_eq!((shard("0/2"), shard("1/2")), (Some(0), Some(0)));
+    for _ in 0..4 {
+        let merge = || {
+            Command::new(env!("CARGO_BIN_EXE_sinew"))
+                .args(["merge", "out"])
+                .current_dir(at)
+                .stdout(Stdio::null())
+                .spawn()
+        };
+        let both = [merge().unwrap(), merge().unwrap()];
+        assert!(both.into_iter().all(|mut child| child.wait().unwrap().success()));
+        assert_eq!(tables(&at.join("out")).len(), 9);
+    }
+    // Ratios declared later reach the tables of shards as well.
+    let text_of = std::fs::read_to_string(at.join("study.toml")).unwrap();
+    std::fs::write(at.join("study.toml"), text_of.replace("name = \"flexors\"", "name = \"others\"")).unwrap();
+    assert_eq!(shard("0/2"), Some(0));
+    sinew(&["merge", "out"], at);
+    assert_eq!(read("ratios", &at.join("out/ratios.parquet")).unwrap().text("ratio", 0), Some("others"));
+    // One byte in the middle of a file: seen by all, and run again.
+    let path = at.join("out/finished.0-of-2.jsonl");
+    let mut bytes = std::fs::read(&path).unwrap();
+    let place = bytes.iter().position(|&b| b == b'\n').unwrap() - 50;
+    bytes[place] ^= 1;
+    std::fs::write(&path, bytes).unwrap();
+    assert!(text(&sinew(&["status", "out"], at).stdout).contains("1 to do"));
+    assert!(text(&sinew(&["plan", "study.toml", "--out", "out"], at).stdout).contains("1 new"));
+    let slurm = sinew(&["slurm", "study.toml", "--out", "out", "--shards", "2"], at);
+    assert!(text(&slurm.stdout).contains("--array=0 "), "{}", text(&slurm.stdout));
+    assert_eq!(shard("0/2"), Some(0));
+    assert_eq!(sinew(&["merge", "out"], at).status.code(), Some(0));
+    let other = std::fs::read_to_string(at.join("study.toml")).unwrap().replace("\"long\"", "\"other\"");
+    std::fs::write(at.join("other.toml"), other).unwrap();
+    assert_eq!(sinew(&["slurm", "other.toml", "--out", "out"], at).status.code(), Some(2), "another study's folder");
+}
+
+#[test]
 fn another_study_is_not_written_over() {
     let folder = folder(&[("study.toml", SMALL), ("other.toml", &SMALL.replace("\"small\"", "\"other\""))]);
     let at = folder.path();

@@ -143,6 +143,36 @@ fn a_job_is_the_same_however_it_is_written() {
     assert_ne!(base, ids("\"body.forearm.mass_scale\" = [1.1]"));
 }
 
+/// A study of the small arm with other sweeps.
+fn swept(sweep: &str) -> Study {
+    let (head, _) = SMALL.split_once("[sweep.grid]").unwrap();
+    let folder = folder(&[("study.toml", &format!("{head}{sweep}"))]);
+    study(&folder).1
+}
+
+#[test]
+fn labels_are_what_a_job_has_and_conditions_look_at_that() {
+    let study = swept(
+        "[[sweep]]\ngrid.'muscle.*.max_isometric_force_scale' = [0.5]\n\
+         [[sweep]]\ngrid.'muscle.biceps.max_isometric_force_scale' = [0.5, 0.75]",
+    );
+    let labels: Vec<_> = study.jobs.iter().map(|job| job.swept.clone()).collect();
+    let number = |x| Some(Value::Number(x));
+    assert_eq!(labels, [[number(0.5), number(0.5)], [None, number(0.5)], [None, number(0.75)]]);
+    let study = swept(
+        "[sweep.grid]\n'muscle.*.max_isometric_force_scale' = [0.5, 1.0]\n\
+         [[sweep.exclude]]\n'muscle.biceps.max_isometric_force_scale' = 0.5",
+    );
+    assert_eq!(study.jobs.len(), 1);
+    assert!(study.jobs[0].changes.is_empty());
+    // What the midpoint rule does not look at makes no second job.
+    assert_eq!(swept("[sweep.grid]\nscheme = ['midpoint']\nstages = [1, 2, 3]").jobs.len(), 1);
+    assert_eq!(
+        swept("[sweep.grid]\nmeasurement_ratio = [2, 3]\n[[sweep.when]]\nmeasurement_ratio = 2").jobs[0].id,
+        swept("[sweep.grid]\nmu = [0.2]").jobs[0].id
+    );
+}
+
 #[test]
 fn the_shipped_schema_is_that_of_the_types() {
     let shipped = std::fs::read_to_string(root().join("data/study.schema.json")).unwrap();
