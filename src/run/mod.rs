@@ -24,6 +24,7 @@ use crate::outcome::{Outcome, Status};
 use crate::solve::solve_from;
 use crate::study::file::OnFailure;
 use crate::study::{Job, Study};
+use crate::tables::schema;
 use crate::warm::Answer;
 use collect::write_tables;
 use manifest::Manifest;
@@ -82,7 +83,6 @@ pub struct RunReport {
     pub failed: usize,
     /// Taken from an earlier run.
     pub kept: usize,
-    /// Not all jobs were done.
     pub ended: Ended,
 }
 
@@ -348,8 +348,9 @@ pub fn freeze(study: &Study, options: &RunOptions, work: bool) -> Result<()> {
     }
     let mut files = there.map(|manifest| manifest.files).unwrap_or_default();
     if work && options.shard.is_none() {
-        for name in std::mem::take(&mut files).into_keys() {
-            let _ = std::fs::remove_file(options.out.join(name));
+        files.clear();
+        for name in schema::TABLES {
+            let _ = std::fs::remove_file(options.out.join(format!("{name}.parquet")));
         }
     }
     Manifest { files, ..Manifest::of(study) }.write(&options.out)
