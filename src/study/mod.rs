@@ -18,6 +18,7 @@ use crate::error::{Issue, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
+use crate::skeleton::file::SkeletonFile;
 use change::{ModelChange, changed_model, is_model_path};
 use file::{OnFailure, OneOrMany, Ratio, StudyFile};
 use settings::{Complaint, Settings, Value, WarmStart};
@@ -100,6 +101,7 @@ impl Study {
     /// The first mistake, with its place in the file it is in.
     pub fn load(path: &Path) -> Result<Self> {
         let (sources, file) = Sources::read(path)?;
+        refuse_spatial(&sources.model)?;
         let (model_table, model) = ModelFile::load(&sources.model)?;
         let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
         check_coverage(&model, &motion, &sources.motion)?;
@@ -483,6 +485,23 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
         });
     }
     Ok(resolved)
+}
+
+/// Spatial models have paths and moment arms so far, and no equations.
+fn refuse_spatial(file: &SourceFile) -> Result<()> {
+    match toml::from_str::<toml::Table>(&file.text) {
+        Ok(table) if SkeletonFile::is_one(&table) => {
+            let help = "take a planar model; `sinew moment-arms` takes this one";
+            let message = format!("{}: studies cannot solve spatial models yet", file.path.display());
+            Err(file.error(
+                file.toml_span(&["dimensions".to_owned()]),
+                message,
+                "a spatial model",
+                Some(help.to_owned()),
+            ))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Every joint coordinate must be measured, unless loops leave some of them to the others.

@@ -195,6 +195,12 @@ fn mistakes() -> Vec<Mistake> {
         model("unknown model key", "mass =", "mas =", &["arm.toml", "unknown field `mas`", "did you mean `mass`"]),
         model("negative mass", "mass = ", "mass = -", &["body.upper_arm.mass", "found -", "positive number (kg)"]),
         model(
+            "a spatial model",
+            "name = ",
+            "dimensions = 3\nname = ",
+            &["arm.toml", "cannot solve spatial models yet"],
+        ),
+        model(
             "unknown body",
             "child = \"forearm\"",
             "child = \"forarm\"",
