@@ -45,6 +45,7 @@ fn each_form_of_a_sweep_has_an_example_that_is_solved() {
     let expected = BTreeMap::from([
         ("conditions", 10),
         ("failure", 3),
+        ("grid", 18),
         ("groups", 6),
         ("latin_hypercube", 10),
         ("list", 4),
