@@ -15,7 +15,9 @@ install_slurm() {
 }
 
 up() {
-  local dir=$1 host memory
+  local dir=$1 host memory port
+  # Its own ports, so that another cluster on this machine is not in the way.
+  port=$((20000 + 10 * (RANDOM % 1000)))
   host=$(hostname -s)
   memory=$(awk '/MemTotal/ { print int($2 / 2048) - 512 }' /proc/meminfo)
   mkdir -p "$dir"/{state,log,run,spool/n1,spool/n2}
@@ -56,15 +58,15 @@ KillWait=2
 MinJobAge=3600
 # Small, so that a test meets it.
 MaxArraySize=9
-SlurmctldPort=16817
+SlurmctldPort=$port
 SlurmctldPidFile=$dir/run/slurmctld.pid
 SlurmdPidFile=$dir/run/slurmd.%n.pid
 StateSaveLocation=$dir/state
 SlurmdSpoolDir=$dir/spool/%n
 SlurmctldLogFile=$dir/log/slurmctld.log
 SlurmdLogFile=$dir/log/slurmd.%n.log
-NodeName=n1 NodeHostname=$host NodeAddr=127.0.0.1 Port=16901 CPUs=2 RealMemory=$memory State=UNKNOWN
-NodeName=n2 NodeHostname=$host NodeAddr=127.0.0.1 Port=16902 CPUs=2 RealMemory=$memory State=UNKNOWN
+NodeName=n1 NodeHostname=$host NodeAddr=127.0.0.1 Port=$((port + 1)) CPUs=2 RealMemory=$memory State=UNKNOWN
+NodeName=n2 NodeHostname=$host NodeAddr=127.0.0.1 Port=$((port + 2)) CPUs=2 RealMemory=$memory State=UNKNOWN
 PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 CONF
   export SLURM_CONF="$dir/slurm.conf"
@@ -75,7 +77,8 @@ CONF
     [ "$(timeout 2 sinfo -h -N -o %t 2> /dev/null | grep -c '^idle$')" = 2 ] && return
     sleep 0.1
   done
-  echo "the cluster does not come up; see $dir/log" >&2
+  echo "the cluster does not come up:" >&2
+  tail -n 5 "$dir"/log/*.log >&2
   return 1
 }
 
@@ -106,9 +109,9 @@ kill_node() {
 down() {
   local pid
   for pid in "$1"/run/slurmd.*.pid "$1/run/slurmctld.pid" "$1/munge/pid"; do
-    [ -s "$pid" ] && kill "$(cat "$pid")" 2> /dev/null
+    # A node that was lost has a process number and no process.
+    if [ -s "$pid" ]; then kill "$(cat "$pid")" 2> /dev/null || true; fi
   done
-  true
 }
 
 case "${1:-}" in

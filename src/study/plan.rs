@@ -1,0 +1,323 @@
+//! The jobs of a study: base and sweeps resolved into settings and changes of the model, each job once and with its identity.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+use indexmap::IndexMap;
+use serde::Serialize;
+
+use super::change::{self, ModelChange, changed_model, is_model_path};
+use super::file::{StudyFile, Sweep};
+use super::settings::{Complaint, Settings, Value, WarmStart};
+use super::sweep::{self, Expansion, Place, Point};
+use super::{Job, SCHEMA_VERSION};
+use crate::error::Issue;
+use crate::model::Model;
+use crate::motion::MotionTable;
+
+/// What a job's id is the hash of.
+#[derive(Serialize)]
+struct Identity<'a> {
+    schema: u32,
+    settings: &'a Settings,
+    changes: &'a [ModelChange],
+    model: &'a str,
+    motion: &'a str,
+    warm_start_from: Option<&'a str>,
+}
+
+impl Identity<'_> {
+    fn hash(&self) -> String {
+        let canonical = serde_json::to_vec(self).expect("settings are plain data");
+        blake3::hash(&canonical).to_hex()[..16].to_owned()
+    }
+}
+
+/// Most jobs that start from one another in a row: such a block is one piece of work.
+const BLOCK: usize = 16;
+
+/// Changed models are checked before a run up to this many, spread over the study; others when their job is set up, where
+/// a model that is none makes the job `invalid`.
+const CHECKED_MODELS: usize = 2000;
+
+/// The base and the expanded sweeps, before they are jobs.
+pub struct Plan<'m> {
+    pub base: Settings,
+    base_changes: Vec<ModelChange>,
+    pub sweeps: Vec<Expansion>,
+    /// Everything swept, with its first place in the file.
+    pub axes: IndexMap<Arc<str>, Place>,
+    /// The paths that each name of the model's numbers stands for.
+    paths: HashMap<Arc<str>, Vec<String>>,
+    /// The model's joint coordinates, with whether each is an angle.
+    coordinates: Vec<(String, bool)>,
+    model_table: &'m toml::Table,
+}
+
+impl<'m> Plan<'m> {
+    /// Reads base and sweeps.
+    pub fn new(file: &StudyFile, model: &Model, model_table: &'m toml::Table) -> std::result::Result<Self, Issue> {
+        let coordinates =
+            model.joint_coordinates().map(|(joint, name)| (name.to_owned(), joint.kind.is_angular())).collect();
+        let mut plan = Plan {
+            base: Settings::default(),
+            base_changes: Vec::new(),
+            sweeps: Vec::new(),
+            axes: IndexMap::new(),
+            paths: HashMap::new(),
+            coordinates,
+            model_table,
+        };
+        for (name, value) in flatten(&file.base) {
+            let place = || vec!["base".to_owned(), name.clone()];
+            let value = value.ok_or_else(|| {
+                let help = "[base] holds single values; lists go in [sweep.grid]";
+                sweep::issue(place(), "found a list or a table", help)
+            })?;
+            plan.learn(&name).map_err(|c| complaint_at(place(), c))?;
+            let (mut base, mut changes) = (plan.base.clone(), plan.base_changes.clone());
+            plan.assign(&mut base, &mut changes, &name, &value).map_err(|c| complaint_at(place(), c))?;
+            (plan.base, plan.base_changes) = (base, changes);
+        }
+        changed_model(model_table, &plan.base_changes)
+            .map_err(|c| complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c))?;
+
+        let single = [Sweep::default()];
+        let sweeps: &[Sweep] = if file.sweep.0.is_empty() { &single } else { &file.sweep.0 };
+        for (i, sweep) in sweeps.iter().enumerate() {
+            // A table is [sweep], several are [[sweep]]; a path through the one has no index.
+            let place =
+                if sweeps.len() == 1 { vec!["sweep".to_owned()] } else { vec!["sweep".to_owned(), i.to_string()] };
+            let value = |point: &Point, name: &str| plan.value_at(point, name);
+            let check = |name: &str, value: &Value| match is_model_path(name) || name == sweep::SAMPLE {
+                true if value.number().is_none() => Err(Complaint::new(format!("found {value}"), "it is a number")),
+                true => Ok(()),
+                false => Settings::default().set(name, value, &plan.coordinates),
+            };
+            let expansion = sweep::expand(sweep, &place, &sweep::Context { value: &value, check: &check })?;
+            for (name, place) in &expansion.axes {
+                if **name != *sweep::SAMPLE {
+                    plan.learn(name).map_err(|c| complaint_at(place.clone(), c))?;
+                }
+                plan.axes.entry(Arc::clone(name)).or_insert(place.clone());
+            }
+            plan.sweeps.push(expansion);
+        }
+        plan.check_overlaps()?;
+        Ok(plan)
+    }
+
+    /// Finds what a name stands for, and that it stands for something.
+    fn learn(&mut self, name: &str) -> std::result::Result<(), Complaint> {
+        if is_model_path(name) && !self.paths.contains_key(name) {
+            let paths = change::matching(self.model_table, name)?;
+            for path in &paths {
+                ModelChange { path: path.clone(), value: 1.0 }.apply(&mut self.model_table.clone())?;
+            }
+            self.paths.insert(name.into(), paths);
+        }
+        Ok(())
+    }
+
+    fn assign(
+        &self,
+        settings: &mut Settings,
+        changes: &mut Vec<ModelChange>,
+        name: &str,
+        value: &Value,
+    ) -> std::result::Result<(), Complaint> {
+        let Some(paths) = self.paths.get(name) else { return settings.set(name, value, &self.coordinates) };
+        for path in paths {
+            // A swept value replaces the fixed one; a change that changes nothing is none, so that a job has one identity.
+            let change = ModelChange::new(path, value)?;
+            changes.retain(|other| other.path != change.path);
+            if !change.is_idle(self.model_table) {
+                changes.push(change);
+            }
+        }
+        // A factor applies to whatever value is set.
+        changes.sort_by(|a, b| (a.is_factor(), &a.path).cmp(&(b.is_factor(), &b.path)));
+        Ok(())
+    }
+
+    /// What a job at a point has under a name, for conditions.
+    fn value_at(&self, point: &Point, name: &str) -> Option<Value> {
+        if let Some((_, value)) = point.iter().find(|(own, _)| **own == *name) {
+            return Some(value.clone());
+        }
+        if !is_model_path(name) {
+            return self.base.get(name);
+        }
+        let wanted = change::matching(self.model_table, name).ok()?;
+        let covers = |(own, _): &&(Arc<str>, Value)| {
+            is_model_path(own)
+                && change::matching(self.model_table, own)
+                    .is_ok_and(|paths| wanted.iter().all(|path| paths.contains(path)))
+        };
+        let covered = point.iter().find(covers).map(|(_, value)| value.clone());
+        covered.or_else(|| self.value(name, &self.base, &self.base_changes))
+    }
+
+    /// Refuses axes that would set the same thing in one job.
+    fn check_overlaps(&self) -> std::result::Result<(), Issue> {
+        let mut seen: HashSet<Vec<&str>> = HashSet::new();
+        for point in self.sweeps.iter().flat_map(|sweep| &sweep.points) {
+            let names: Vec<&str> = point.iter().map(|(name, _)| &**name).collect();
+            if !seen.insert(names.clone()) {
+                continue;
+            }
+            let mut owners: HashMap<String, &str> = HashMap::new();
+            for name in names {
+                for target in self.targets(name) {
+                    if let Some(other) = owners.insert(target.clone(), name) {
+                        let message = format!("`{name}` and `{other}` both set {target}");
+                        let help = "a job has one value of each: sweep it under one name, or in two sweeps ([[sweep]])";
+                        return Err(sweep::issue(self.place(name), message, help));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What a swept name sets.
+    fn targets(&self, name: &str) -> Vec<String> {
+        match self.paths.get(name) {
+            Some(paths) => paths.clone(),
+            None => vec![name.trim_end_matches("_deg").trim_end_matches("_rad").to_owned()],
+        }
+    }
+
+    /// What settings and changes have under a name; `None` where the paths it stands for differ.
+    fn value(&self, name: &str, settings: &Settings, changes: &[ModelChange]) -> Option<Value> {
+        if !is_model_path(name) {
+            return settings.get(name);
+        }
+        let found: Vec<String>;
+        let paths = match self.paths.get(name) {
+            Some(paths) => paths,
+            None => {
+                found = change::matching(self.model_table, name).ok()?;
+                &found
+            }
+        };
+        let number = |path: &String| {
+            let set = changes.iter().find(|change| change.path == *path).map(|change| change.value);
+            let factor = path.ends_with("_scale").then_some(1.0);
+            set.or_else(|| change::number_at(self.model_table, path)).or(factor)
+        };
+        let mut numbers = paths.iter().map(number);
+        let first = numbers.next()??;
+        numbers.all(|number| number == Some(first)).then_some(Value::Number(first))
+    }
+
+    /// The jobs in the order of the sweeps, each once.
+    pub fn jobs(
+        &self,
+        motion: &MotionTable,
+        model_hash: &str,
+        motion_hash: &str,
+    ) -> std::result::Result<Vec<Job>, Issue> {
+        let mut jobs: Vec<Job> = Vec::with_capacity(self.sweeps.iter().map(|sweep| sweep.points.len()).sum());
+        let mut known = HashSet::new();
+        for sweep in &self.sweeps {
+            let (first, mut in_block) = (jobs.len(), 0);
+            for point in &sweep.points {
+                let (settings, changes) = self.resolved(point)?;
+                let points = settings.points(motion.duration()).map_err(|c| complaint_at(self.place("h"), c))?;
+                let swept: Vec<Option<Value>> = (self.axes.keys())
+                    .map(|axis| {
+                        let own = point.iter().find(|(name, _)| name == axis).map(|(_, value)| value.clone());
+                        own.or_else(|| self.value(axis, &settings, &changes))
+                    })
+                    .collect();
+                let canonical = settings.canonical();
+                let identity = Identity {
+                    schema: SCHEMA_VERSION,
+                    settings: &canonical,
+                    changes: &changes,
+                    model: model_hash,
+                    motion: motion_hash,
+                    warm_start_from: None,
+                };
+                let mut id = identity.hash();
+                if !known.insert(id.clone()) {
+                    continue;
+                }
+                let before = jobs[first..].last().filter(|before| {
+                    let others = sweep.axes.len().saturating_sub(1);
+                    let alike = |(name, _): (&Arc<str>, &Place)| {
+                        let axis = self.axes.get_index_of(name).expect("each axis of a sweep is one of the study");
+                        before.swept[axis] == swept[axis]
+                    };
+                    settings.warm_start == WarmStart::Neighbour
+                        && in_block < BLOCK
+                        && sweep.axes.iter().take(others).all(alike)
+                });
+                let warm_start_from = before.map(|job| job.id.clone());
+                if warm_start_from.is_some() {
+                    id = Identity { warm_start_from: warm_start_from.as_deref(), ..identity }.hash();
+                }
+                in_block = if warm_start_from.is_some() { in_block + 1 } else { 1 };
+                jobs.push(Job { id, index: jobs.len(), settings, changes, swept, points, warm_start_from });
+            }
+        }
+        Ok(jobs)
+    }
+
+    /// The base with a point of a sweep set.
+    fn resolved(&self, point: &Point) -> std::result::Result<(Settings, Vec<ModelChange>), Issue> {
+        let (mut settings, mut changes) = (self.base.clone(), self.base_changes.clone());
+        for (name, value) in point.iter().filter(|(name, _)| **name != *sweep::SAMPLE) {
+            self.assign(&mut settings, &mut changes, name, value).map_err(|c| complaint_at(self.place(name), c))?;
+        }
+        Ok((settings, changes))
+    }
+
+    /// Checks the changed models, up to [`CHECKED_MODELS`] of them.
+    pub fn check_models(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
+        let changed: Vec<&Job> = jobs.iter().filter(|job| job.changes != self.base_changes).collect();
+        let stride = changed.len().div_ceil(CHECKED_MODELS).max(1);
+        let mut before: Option<&[ModelChange]> = None;
+        for job in changed.into_iter().step_by(stride) {
+            if before != Some(&job.changes[..]) {
+                changed_model(self.model_table, &job.changes)
+                    .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
+            }
+            before = Some(&job.changes);
+        }
+        Ok(())
+    }
+
+    /// Where a name is set: in its sweep, or in the base.
+    fn place(&self, name: &str) -> Place {
+        let swept = self.axes.iter().find(|(axis, _)| {
+            ***axis == *name || self.paths.get(*axis).is_some_and(|paths| paths.iter().any(|path| path == name))
+        });
+        swept.map_or_else(|| vec!["base".to_owned(), name.to_owned()], |(_, place)| place.clone())
+    }
+
+    /// The path of the first change without which the ones before it still make a model.
+    fn culprit(&self, changes: &[ModelChange]) -> String {
+        let first = (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n]).is_err());
+        first.map_or_else(String::new, |n| changes[n - 1].path.clone())
+    }
+}
+
+/// `a.b.c = v`, written as tables or as a quoted key, becomes ("a.b.c", v). `None`: neither number, text nor flag.
+fn flatten(table: &toml::Table) -> Vec<(String, Option<Value>)> {
+    let mut flat = Vec::new();
+    for (key, value) in table {
+        match value {
+            toml::Value::Table(inner) => {
+                flat.extend(flatten(inner).into_iter().map(|(name, value)| (format!("{key}.{name}"), value)));
+            }
+            other => flat.push((key.clone(), Value::of(other))),
+        }
+    }
+    flat
+}
+
+fn complaint_at(place: Place, complaint: Complaint) -> Issue {
+    Issue { path: place, message: complaint.message, help: Some(complaint.help) }
+}
