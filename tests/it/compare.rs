@@ -130,6 +130,16 @@ fn jobs_that_are_new_missing_or_newly_failed_are_told_apart() {
 }
 
 #[test]
+fn the_nightly_study_is_as_its_baseline() {
+    let folder = folder(&[]);
+    let path = |name: &str| super::support::root().join(name).to_str().unwrap().to_owned();
+    let run = sinew(&["run", &path("studies/nightly.toml"), "--out", "nightly"], folder.path());
+    assert_eq!(run.status.code(), Some(0), "{}", text(&run.stderr));
+    let compare = sinew(&["compare", "nightly", &path("results/baselines/nightly")], folder.path());
+    assert_eq!(compare.status.code(), Some(0), "{}", text(&compare.stdout));
+}
+
+#[test]
 fn what_is_gone_is_drift_and_mistakes_are_refused() {
     let folder = folder(&[("study.toml", SMALL)]);
     let at = folder.path();
