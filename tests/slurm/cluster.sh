@@ -7,6 +7,7 @@
 #   cluster.sh down DIR
 # DIR must not be one that Slurm's helpers cannot enter; /tmp is good. The settings that matter have their reasons beside them.
 set -euo pipefail
+# (No pipe into `grep -q`: it ends early, and the other side of the pipe fails.)
 
 install_slurm() {
   command -v slurmctld slurmd munged > /dev/null && return
@@ -22,9 +23,9 @@ up() {
   memory=$(awk '/MemTotal/ { print int($2 / 2048) - 512 }' /proc/meminfo)
   mkdir -p "$dir"/{state,log,run,spool/n1,spool/n2}
   chmod 755 "$dir" "$dir"/*
-  getent hosts "$host" | grep -q '^127\.' || echo "127.0.0.1 $host" >> /etc/hosts
+  grep -q '^127\.' <<< "$(getent hosts "$host")" || echo "127.0.0.1 $host" >> /etc/hosts
   # Slurm resolves names with AI_ADDRCONFIG, which finds nothing where 127.0.0.1 is the only address.
-  ip -4 -o addr 2> /dev/null | grep -qv 'inet 127\.' || ip addr add 10.255.255.1/32 dev lo
+  grep -qv 'inet 127\.' <<< "$(ip -4 -o addr 2> /dev/null)" || ip addr add 10.255.255.1/32 dev lo
   mkdir -p "$dir/munge"
   head -c 128 /dev/urandom > "$dir/munge/key"
   chown -R munge:munge "$dir/munge"
@@ -96,7 +97,7 @@ kill_node() {
   kill -9 "$(cat "$dir/run/slurmd.$node.pid")"
   # Its steps are no children of the daemon; they hold its log open.
   for step in $(pgrep slurmstepd || true); do
-    if ls -l "/proc/$step/fd" 2> /dev/null | grep -q "$dir/log/slurmd.$node.log"; then
+    if grep -q "$dir/log/slurmd.$node.log" <<< "$(ls -l "/proc/$step/fd" 2> /dev/null)"; then
       kill -9 "$step" || true
     fi
   done

@@ -65,7 +65,8 @@ at=$(finished)
 echo "node n2 lost with $at of 72 jobs finished"
 [ "$at" -lt 72 ] || fail "the node was lost too late to matter"
 until_done
-timeout 10 scontrol show job | grep -q 'Restarts=1' || fail "no element was started again"
+timeout 10 scontrol show job > "$dir/jobs.txt"
+grep -q 'Restarts=1' "$dir/jobs.txt" || fail "no element was started again"
 grep -q '72 of 72 job(s) finished' "$dir/cluster/slurm/log/merge.log" || fail "the merge did not see all jobs"
 same
 echo "node lost, elements started again, merged: the same tables"
@@ -78,5 +79,6 @@ grep -q '16 job(s) are missing' "$dir/merge.txt" || fail "the merge does not say
 grep -q '^submitted 2 shard(s) (3,7)' "$dir/submit.txt" || fail "other shards than those with something missing"
 until_done
 same
-"$sinew" slurm "$dir/study.toml" --out "$dir/cluster" --submit | grep -q 'nothing is missing' || fail "submitted for nothing"
+"$sinew" slurm "$dir/study.toml" --out "$dir/cluster" --submit > "$dir/submit.txt"
+grep -q 'nothing is missing' "$dir/submit.txt" || fail "submitted for nothing"
 echo "the Slurm test passed"
