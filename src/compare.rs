@@ -557,8 +557,7 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
     }
     if let Some(mut manifest) = Manifest::read(folder)? {
         manifest.files.retain(|name, _| names.contains(name));
-        manifest.jobs.clear(); // the table of jobs says it all
-        manifest.write(baseline)?;
+        manifest.portable().write(baseline)?;
     }
     Ok(names)
 }

@@ -56,8 +56,8 @@ pub fn slurm(arguments: &Arguments) -> Result<u8> {
     let folder = out.join("slurm");
     let shards = shards(arguments, &study, &folder);
     let options = RunOptions { out: out.clone(), shard: Some(Shard { index: 0, count: shards }), ..Default::default() };
-    check_folder(&study, &RunOptions { shard: None, ..options.clone() })?;
-    freeze(&study, &options, false)?;
+    let there = check_folder(&study, &RunOptions { shard: None, ..options.clone() })?;
+    freeze(&study, &options, there, false)?;
     let missing = missing(&study, &Store::read(&out, true)?, shards);
 
     let sinew = std::env::current_exe().map_err(io("find", Path::new("sinew")))?;

@@ -396,7 +396,8 @@ impl ModelFile {
     }
 }
 
-fn positive(path: &[&str], value: f64, unit: &str) -> std::result::Result<(), Issue> {
+/// For the checks of other model files too.
+pub fn positive(path: &[&str], value: f64, unit: &str) -> std::result::Result<(), Issue> {
     if value > 0.0 && value.is_finite() {
         Ok(())
     } else {
@@ -404,14 +405,16 @@ fn positive(path: &[&str], value: f64, unit: &str) -> std::result::Result<(), Is
     }
 }
 
-fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
+/// Refuses numbers that are not finite.
+pub fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
     match values.iter().find(|v| !v.is_finite()) {
         None => Ok(()),
         Some(value) => Err(Issue::new(path, format!("found {value}"), "it must be a finite number")),
     }
 }
 
-fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::result::Result<(), Issue> {
+/// Each name once, and one that studies can address.
+pub fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::result::Result<(), Issue> {
     let mut seen = std::collections::BTreeSet::new();
     for name in names {
         if name.is_empty() || name.contains(['.', '*']) {

@@ -46,10 +46,11 @@ pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<C
     let _ = lock.lock();
     let columns = Columns::of(study);
     let file = |name: &str| folder.join(format!("{name}.parquet"));
+    let provenance = manifest::provenance(study);
     let metadata = |table: &crate::tables::Table| {
         let units = table.columns.iter().map(|(name, _)| (name.clone(), schema::unit(name).into()));
         let units = serde_json::Value::Object(units.collect());
-        let mut metadata = manifest::provenance(study);
+        let mut metadata = provenance.clone();
         metadata.push(("sinew.units".to_owned(), units.to_string()));
         metadata
     };

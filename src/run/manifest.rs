@@ -152,6 +152,22 @@ impl Manifest {
         })
     }
 
+    /// As a baseline keeps it, on whatever machine: no jobs (the table of jobs says it all), no host name, no folders.
+    pub fn portable(mut self) -> Self {
+        self.jobs.clear();
+        self.host.name = None;
+        let study = &mut self.study;
+        let sources = &mut self.sources;
+        for path in [&mut study.file, &mut study.model.file, &mut study.motion.file].into_iter().chain([
+            &mut sources.study.path,
+            &mut sources.model.path,
+            &mut sources.motion.path,
+        ]) {
+            *path = path.file_name().map(PathBuf::from).unwrap_or_default();
+        }
+        self
+    }
+
     /// Writes it, whole or not at all.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let path = folder.join(FILE);

@@ -113,7 +113,7 @@ pub type Solver<'s> = dyn Fn(&Study, &Job, Option<&Answer>) -> (Outcome, Option<
 /// [`run`] with another solver in place of [`solve_from`], for tests of the engine.
 pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: &Solver<'_>) -> Result<RunReport> {
     std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
-    check_folder(study, options)?;
+    let there = check_folder(study, options)?;
     let store = Store::open(&options.out, options.shard, options.fresh)?;
     if let Some(note) = version_note(study, &store).filter(|_| !options.outdated) {
         eprintln!("note: {note}");
@@ -141,7 +141,7 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
         mine.iter().copied().filter(|block| block.iter().any(|job| is_pending[job.index])).collect();
     let count = pending.iter().flat_map(|block| block.iter()).filter(|job| is_pending[job.index]).count();
 
-    freeze(study, options, count > 0)?;
+    freeze(study, options, there, count > 0)?;
     // When each job's line was written that a new one takes the place of.
     let since: Vec<u64> = study.jobs.iter().map(|job| store.get(&job.id).map_or(0, |header| header.time_ms)).collect();
 
@@ -312,13 +312,13 @@ fn quiet_workers() {
     });
 }
 
-/// Refuses to write over the results of another study, or to mix shards of different plans.
-pub fn check_folder(study: &Study, options: &RunOptions) -> Result<()> {
+/// Refuses to write over the results of another study, or to mix shards of different plans. The manifest that is there.
+pub fn check_folder(study: &Study, options: &RunOptions) -> Result<Option<Manifest>> {
     // A manifest that cannot be read is written anew.
-    let Some(manifest) = Manifest::read(&options.out).unwrap_or(None) else { return Ok(()) };
+    let Some(manifest) = Manifest::read(&options.out).unwrap_or(None) else { return Ok(None) };
     let refuse = |reason: String| Err(Error::table("run in", &options.out, reason));
     if options.fresh {
-        return Ok(());
+        return Ok(Some(manifest));
     }
     if manifest.study.name != study.name {
         let (there, here) = (&manifest.study.name, &study.name);
@@ -333,13 +333,12 @@ pub fn check_folder(study: &Study, options: &RunOptions) -> Result<()> {
                 .to_owned(),
         );
     }
-    Ok(())
+    Ok(Some(manifest))
 }
 
 /// Writes the plan before the first job begins. Where there is work to do, tables of an earlier run go: they would be taken for
 /// those of this one if it is cut off, and are made again from the finished jobs at any time.
-pub fn freeze(study: &Study, options: &RunOptions, work: bool) -> Result<()> {
-    let there = Manifest::read(&options.out).unwrap_or(None);
+pub fn freeze(study: &Study, options: &RunOptions, there: Option<Manifest>, work: bool) -> Result<()> {
     let same = |manifest: &Manifest| {
         manifest.study.hash == study.hash() && manifest.sources.study.text == study.sources.study.text
     };

@@ -11,6 +11,7 @@ use super::path::{MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
 use super::{Body, Coordinate, Joint, Motion, Muscle, Skeleton};
 use crate::error::{Issue, Result, SourceFile, nearest};
+use crate::model::file::{finite, positive, unique};
 
 type Checked<T> = std::result::Result<T, Issue>;
 
@@ -181,11 +182,11 @@ impl SkeletonFile {
         let bodies: Vec<&str> = self.body.iter().map(|body| body.name.as_str()).collect();
         let coordinates: Vec<&str> = self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect();
         let surfaces: Vec<&str> = self.surface.iter().map(|surface| surface.name.as_str()).collect();
-        unique("body", &bodies)?;
-        unique("coordinate", &coordinates)?;
-        unique("surface", &surfaces)?;
-        unique("joint", &self.joint.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>())?;
-        unique("muscle", &self.muscle.iter().map(|muscle| muscle.name.as_str()).collect::<Vec<_>>())?;
+        unique("body", bodies.iter().copied())?;
+        unique("coordinate", coordinates.iter().copied())?;
+        unique("surface", surfaces.iter().copied())?;
+        unique("joint", self.joint.iter().map(|joint| joint.name.as_str()))?;
+        unique("muscle", self.muscle.iter().map(|muscle| muscle.name.as_str()))?;
         let names = Names { bodies, coordinates, surfaces };
 
         let checked_bodies = self.body.iter().map(BodyEntry::check).collect::<Checked<Vec<_>>>()?;
@@ -253,31 +254,6 @@ fn find(kind: &str, names: &[&str], name: &str, path: &[&str]) -> Checked<usize>
     })
 }
 
-fn unique(kind: &str, names: &[&str]) -> Checked<()> {
-    let mut seen = BTreeSet::new();
-    match names.iter().find(|name| name.is_empty() || name.contains(['.', '*']) || !seen.insert(**name)) {
-        None => Ok(()),
-        Some(name) => {
-            let help = "each has a name of its own, not empty and without `.` or `*`";
-            Err(Issue::new(&[kind, name], format!("found the name \"{name}\""), help))
-        }
-    }
-}
-
-fn positive(path: &[&str], value: f64, unit: &str) -> Checked<f64> {
-    match value > 0.0 && value.is_finite() {
-        true => Ok(value),
-        false => Err(Issue::new(path, format!("found {value}"), format!("it must be a positive number ({unit})"))),
-    }
-}
-
-fn finite(path: &[&str], values: &[f64]) -> Checked<()> {
-    match values.iter().find(|value| !value.is_finite()) {
-        None => Ok(()),
-        Some(value) => Err(Issue::new(path, format!("found {value}"), "it must be a finite number")),
-    }
-}
-
 impl BodyEntry {
     fn check(&self) -> Checked<Body> {
         positive(&["body", &self.name, "mass"], self.mass, "kg")?;
@@ -335,7 +311,7 @@ impl JointEntry {
                     let help = "an ellipsoid joint has radii and four coordinates: abduction, elevation, upward rotation, winging";
                     return Err(Issue::new(&["joint", &self.name], "radii or coordinates are missing", help));
                 };
-                radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m").map(|_| ()))?;
+                radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m"))?;
                 let mut found = [0; 4];
                 for (index, name) in found.iter_mut().zip(coordinates) {
                     *index = find("coordinate", &names.coordinates, name, &place("coordinates"))?;
@@ -409,14 +385,14 @@ impl SurfaceEntry {
             |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("it has no `{key}`"), help);
         let radius = || {
             let radius = self.radius.ok_or_else(|| missing("radius", "a sphere and a cylinder have a radius (m)"))?;
-            positive(&place("radius"), radius, "m")
+            positive(&place("radius"), radius, "m").map(|()| radius)
         };
         let shape = match self.kind {
             SurfaceKind::Sphere => Shape::Sphere { radius: radius()? },
             SurfaceKind::Cylinder => Shape::Cylinder { radius: radius()?, side: self.side()? },
             SurfaceKind::Ellipsoid => {
                 let radii = self.radii.ok_or_else(|| missing("radii", "an ellipsoid has three radii (m)"))?;
-                radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m").map(|_| ()))?;
+                radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m"))?;
                 Shape::Ellipsoid { radii }
             }
         };
@@ -474,6 +450,8 @@ impl MuscleEntry {
             let message = format!("found {}", self.pennation_angle);
             return Err(Issue::new(&place("pennation_angle"), message, "it must be an angle from 0 to 1.5 rad"));
         }
+        positive(&place("max_isometric_force"), self.max_isometric_force, "N")?;
+        positive(&place("optimal_fibre_length"), self.optimal_fibre_length, "m")?;
         let surface = |entry: &ObstacleEntry| {
             let (name, part) = match entry {
                 ObstacleEntry::Any(name) => (name, None),
@@ -491,8 +469,8 @@ impl MuscleEntry {
         };
         Ok(Muscle {
             name: self.name.clone(),
-            max_isometric_force: positive(&place("max_isometric_force"), self.max_isometric_force, "N")?,
-            optimal_fibre_length: positive(&place("optimal_fibre_length"), self.optimal_fibre_length, "m")?,
+            max_isometric_force: self.max_isometric_force,
+            optimal_fibre_length: self.optimal_fibre_length,
             tendon_slack_length: self.tendon_slack_length,
             pennation_angle: self.pennation_angle,
             path: MusclePath {

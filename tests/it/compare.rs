@@ -37,6 +37,12 @@ fn exactly_the_altered_cells_are_reported() {
     assert_eq!(accepted.status.code(), Some(0), "{}", text(&accepted.stderr));
     let names = ["jobs", "regularity", "muscles"];
     assert!(names.iter().all(|name| at.join(format!("base/{name}.parquet")).exists()));
+    let manifest = std::fs::read_to_string(at.join("base/manifest.json")).unwrap();
+    let here = [super::support::root(), at].map(|path| path.to_str().unwrap().to_owned() + "/study");
+    assert!(
+        manifest.contains("\"study.toml\"") && here.iter().all(|path| !manifest.contains(path)),
+        "no folders in it"
+    );
     let (code, found, _) = json(at, &[]);
     assert_eq!((code, &found["drift"]), (0, &false.into()));
 
