@@ -46,9 +46,9 @@ fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, In
 
 /// The problem on so many points and its start guess, handed to `then`.
 fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
-    with_job(points, |study, settings, measurement, instant, scheme| {
+    with_job(points, |_, settings, measurement, instant, scheme| {
         let problem = transcribe(&instant, scheme, measurement, settings);
-        then(&problem, start_guess(&study.model, scheme, points, measurement).unwrap());
+        then(&problem, start_guess(&problem.instant, scheme, points, measurement).unwrap());
     });
 }
 
@@ -149,8 +149,8 @@ fn symbolic(bencher: Bencher, points: usize) {
 
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn guess(bencher: Bencher, points: usize) {
-    with_job(points, |study, _, measurement, _, scheme| {
-        bencher.bench_local(|| start_guess(&study.model, scheme, points, measurement));
+    with_job(points, |_, _, measurement, instant, scheme| {
+        bencher.bench_local(|| start_guess(&instant, scheme, points, measurement));
     });
 }
 

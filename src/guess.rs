@@ -45,10 +45,10 @@ pub struct Guess<'g> {
 
 impl<'g> Guess<'g> {
     /// The guess on `points` instants, or `None` where a fit or a programme failed (non-finite data).
-    pub fn new(model: &'g Model, points: usize, measurement: &Measurement) -> Option<Self> {
-        let second_order = Instant::new(model, Form::SecondOrder);
+    pub fn new(instant: &Instant<'g>, points: usize, measurement: &Measurement) -> Option<Self> {
+        let model = instant.model;
         let duration = measurement.times[measurement.times.len() - 1];
-        let scheme = Midpoint::new(&second_order, points, duration);
+        let scheme = Midpoint::new(&Instant::new(model, Form::SecondOrder), points, duration);
         let (times, coordinate, state) = (scheme.points, scheme.coordinate, scheme.state);
         let coordinates: Vec<Vec<f64>> = (0..model.coordinates())
             .map(|i| {
@@ -63,11 +63,13 @@ impl<'g> Guess<'g> {
         for &t in &times {
             let at =
                 |derivative| -> Vec<f64> { coordinates.iter().map(|c| coordinate.value(c, t, derivative)).collect() };
-            let (force, reaction) = share_load(&second_order, &at(0), &at(1), &at(2))?;
+            let (force, reaction) = share_load(instant, t, [&at(0), &at(1), &at(2)])?;
+            let q = all_coordinates(instant, t, &at(0));
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let mut path = muscle.path.buffer();
-                muscle.path.length(&at(0), false, &mut path);
-                let along = path.value - muscle.tendon_slack_length * (1.0 + tendon_strain(force[m].max(0.0)).value);
+                muscle.path.length(&q, false, &mut path);
+                let strain = if muscle.rigid_tendon { 0.0 } else { tendon_strain(force[m].max(0.0)).value };
+                let along = path.value - muscle.tendon_slack_length * (1.0 + strain);
                 lengths[m].push(along / muscle.fibre_along_tendon());
                 forces[m].push(force[m]);
             }
@@ -136,12 +138,12 @@ impl Trajectory for Guess<'_> {
 
 /// The decision vector of the guess for a scheme with `points` instants (p), or `None` as in [`Guess::new`].
 pub fn start_guess(
-    model: &Model,
+    instant: &Instant<'_>,
     scheme: &dyn Discretisation,
     points: usize,
     measurement: &Measurement,
 ) -> Option<Vec<f64>> {
-    let x = scheme.compose(&Guess::new(model, points, measurement)?);
+    let x = scheme.compose(&Guess::new(instant, points, measurement)?);
     x.iter().all(|v| v.is_finite()).then_some(x)
 }
 
@@ -163,48 +165,52 @@ pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> O
     Some(right)
 }
 
-/// Normalised tendon forces and reactions (in total weights) of least activation at one instant.
+/// All coordinates, those of given motion last.
+fn all_coordinates(instant: &Instant<'_>, t: f64, q: &[f64]) -> Vec<f64> {
+    let mut z = vec![0.0; instant.variables()];
+    z[..q.len()].copy_from_slice(q);
+    instant.coordinates(t, &z)
+}
+
+/// Normalised tendon forces and reactions (in total weights) of least activation at one instant of the motion q, q̇, q̈.
 fn share_load(
     instant: &Instant<'_>,
-    q: &[f64],
-    velocity: &[f64],
-    acceleration: &[f64],
+    t: f64,
+    [q, velocity, acceleration]: [&[f64]; 3],
 ) -> Option<(Vec<f64>, Vec<f64>)> {
     let model = instant.model;
     let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
-    let bounds = tendon_force_range(model, q, velocity);
+    let all = all_coordinates(instant, t, q);
+    let bounds = tendon_force_range(model, &all, velocity);
     // The equation of motion is linear in reactions and in tendon forces: read it off at unit values.
     let mut z = vec![0.0; instant.variables()];
     z[..nq].copy_from_slice(q);
     (0..nq).for_each(|i| z[instant.acceleration(i)] = acceleration[i]);
+    if instant.form == Form::Stabilised {
+        (0..nq).for_each(|i| z[instant.velocity(i)] = velocity[i]);
+    }
     let mut rest = vec![0.0; instant.equations()];
-    instant.residual(&z, &mut rest);
+    instant.residual(t, &z, &mut rest);
     let weight = model.weight();
     let mut columns: Vec<(usize, usize, f64)> = Vec::new();
     let mut unloaded = rest[..nq].to_vec();
     for (m, muscle) in model.muscles.iter().enumerate() {
         let mut path = muscle.path.buffer();
-        muscle.path.length(q, false, &mut path);
+        muscle.path.length(&all, false, &mut path);
         let strength = muscle.max_isometric_force / weight;
         // The residual at z holds the passive force of a fibre of no length; replace it by f_t0 + H a.
         let already = instant.fibre_force(&z, m);
         let (low, high) = bounds[m];
-        for (slot, gradient) in muscle.path.slots.iter().zip(&path.gradient) {
+        for (slot, gradient) in muscle.path.slots().iter().zip(&path.gradient) {
             unloaded[*slot] += strength * (low - already) * gradient;
             columns.push((*slot, m, strength * (high - low) * gradient));
         }
     }
-    let mut row = 0;
-    for joint in &model.joints {
-        for function in joint.constraints(q) {
-            for (slot, gradient) in joint.slots().iter().zip(function.gradient) {
-                if let Some(coordinate) = slot {
-                    columns.push((*coordinate, nm + row, gradient));
-                }
-            }
-            row += 1;
+    model.mechanics.constraint_functions(&all, |row, slots, _, gradient, _| {
+        for (&coordinate, &gradient) in slots.iter().zip(gradient).filter(|(slot, _)| **slot < nq) {
+            columns.push((coordinate, nm + row, gradient));
         }
-    }
+    });
     (0..nq).for_each(|i| columns.push((i, nm + nc + i, 1.0)));
     let n = nm + nc + nq;
     let equalities = Sparse::from_triplets(nq, n, &columns);
@@ -238,9 +244,13 @@ fn tendon_force_range(model: &Model, q: &[f64], velocity: &[f64]) -> Vec<(f64, f
         .map(|muscle| {
             let mut path = muscle.path.buffer();
             muscle.path.length(q, false, &mut path);
-            let rate: f64 = muscle.path.slots.iter().zip(&path.gradient).map(|(&s, g)| g * velocity[s]).sum();
+            let rate: f64 = muscle.path.slots().iter().zip(&path.gradient).map(|(&s, g)| g * velocity[s]).sum();
             let v = rate / muscle.fibre_along_tendon();
             let equilibrium = |a: f64| {
+                if muscle.rigid_tendon {
+                    let l = (path.value - muscle.tendon_slack_length) / muscle.fibre_along_tendon();
+                    return muscle.fibre_force(a, l, v).value;
+                }
                 // Falls with l: bisection between a fibre of no length and one as long as the whole path.
                 let (mut low, mut high) = (0.0, path.value / muscle.fibre_along_tendon());
                 for _ in 0..60 {

@@ -98,39 +98,37 @@ impl Solution<'_> {
 
     /// Root mean square of the difference to the measured body coordinates: positions (m) and angles (degrees).
     fn tracking_rms(&self) -> (f64, f64) {
+        let (each, positions) = self.model().per_body();
         let (mut metres, mut degrees) = (0.0, 0.0);
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
             for (i, value) in measured.iter().enumerate() {
                 let difference = evaluate(&self.scheme.coordinate_at(t, 0, i), &self.iterate.x) - value;
-                if i % 3 == 2 {
-                    degrees += difference.to_degrees().powi(2);
-                } else {
+                if i % each < positions {
                     metres += difference * difference;
+                } else {
+                    degrees += (self.model().tracking_weight(i) * difference).to_degrees().powi(2);
                 }
             }
         }
-        let angles = (self.measurement.times.len() * self.model().bodies.len()) as f64;
-        ((metres / (2.0 * angles)).sqrt(), (degrees / angles).sqrt())
+        let angles = (self.measurement.times.len() * self.model().bodies()) as f64;
+        ((metres / (positions as f64 * angles)).sqrt(), (degrees / angles).sqrt())
     }
 
     /// max |Φ_q q̇| over the points: the midpoint scheme imposes Φ = 0 there, not its derivative.
     fn max_constraint_velocity(&self) -> f64 {
+        let instant = &self.problem.instant;
         let mut worst: f64 = 0.0;
         for (j, &t) in self.scheme.points().iter().enumerate() {
             let z = self.problem.local(j, &self.iterate.x);
-            for joint in &self.model().joints {
-                for function in joint.constraints(&z) {
-                    let rate: f64 = joint
-                        .slots()
-                        .iter()
-                        .zip(function.gradient)
-                        .filter_map(|(slot, g)| {
-                            slot.map(|i| g * evaluate(&self.scheme.coordinate_at(t, 1, i), &self.iterate.x))
-                        })
-                        .sum();
-                    worst = worst.max(rate.abs());
-                }
-            }
+            let mut velocity: Vec<f64> = (0..self.model().coordinates())
+                .map(|i| evaluate(&self.scheme.coordinate_at(t, 1, i), &self.iterate.x))
+                .collect();
+            velocity.extend(instant.surroundings().given(t).1);
+            self.model().mechanics.constraint_functions(&instant.coordinates(t, &z), |_, slots, _, gradient, _| {
+                let moving = slots.iter().zip(gradient).filter(|(slot, _)| **slot < velocity.len());
+                let rate: f64 = moving.map(|(&slot, g)| g * velocity[slot]).sum();
+                worst = worst.max(rate.abs());
+            });
         }
         worst
     }
@@ -144,11 +142,12 @@ impl Solution<'_> {
         let [printed, _] = instant.stabilised_row_starts();
         let mut worst = 0.0;
         for pair in self.scheme.points().windows(2) {
-            let map = self.scheme.local_at(instant, 0.5 * (pair[0] + pair[1]));
+            let t = 0.5 * (pair[0] + pair[1]);
+            let map = self.scheme.local_at(instant, t);
             let z: Vec<f64> = map.iter().map(|combination| evaluate(combination, &self.iterate.x)).collect();
-            instant.residual(&z, &mut residual);
+            instant.residual(t, &z, &mut residual);
             for m in 0..activation - contraction {
-                residual[contraction + m] = instant.printed_contraction_residual(&z, m);
+                residual[contraction + m] = instant.printed_contraction_residual(t, &z, m);
             }
             worst = residual[..printed].iter().map(|r| r.abs()).fold(worst, larger);
         }
@@ -267,8 +266,9 @@ impl Solution<'_> {
             for (i, name) in names.iter().enumerate().filter(|_| complete) {
                 push(t, "acceleration", name, z[instant.acceleration(i)], end);
             }
-            for (joint, name) in model.joint_coordinates() {
-                push(t, "joint_coordinate", name, joint.coordinate_value(&z).value, false);
+            let q = instant.coordinates(t, &z);
+            for (name, value) in model.joint_coordinate_values(&q) {
+                push(t, "joint_coordinate", name, value, false);
             }
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let at = instant.muscle(m);
@@ -280,16 +280,15 @@ impl Solution<'_> {
                     push(t, "fibre_velocity", &muscle.name, z[at + VELOCITY], false);
                     push(t, "force_n", &muscle.name, force, false);
                 }
-                for (k, place) in muscle.path.points.iter().enumerate() {
-                    let [x, y] = place.at(&z).position;
-                    push(t, "path_point_m", &format!("{}.{k}.x", muscle.name), x, false);
-                    push(t, "path_point_m", &format!("{}.{k}.y", muscle.name), y, false);
+                for (k, place) in muscle.path.positions(&q).iter().enumerate() {
+                    for (axis, x) in ["x", "y", "z"].iter().zip(place) {
+                        push(t, "path_point_m", &format!("{}.{k}.{axis}", muscle.name), *x, false);
+                    }
                 }
             }
-            let reactions =
-                model.joints.iter().flat_map(|joint| (0..joint.kind.constraints()).map(move |k| (joint, k)));
-            for (row, (joint, k)) in reactions.enumerate().filter(|_| complete) {
-                push(t, "reaction_n", &format!("{}.{k}", joint.name), weight * z[instant.reaction(row)], end);
+            for (row, name) in model.reaction_names().into_iter().enumerate().filter(|_| complete) {
+                let Some(name) = name else { continue };
+                push(t, "reaction_n", &name, weight * z[instant.reaction(row)], end);
             }
         }
         let active = active(&self.iterate.inequalities);

@@ -1,6 +1,7 @@
 //! One job to its outcome, the whole pipeline on one screen: measure, transcribe, guess, solve, polish, rank,
 //! report. Pure: no disk, no printing, one thread.
 
+use std::sync::Arc;
 use std::time::Instant as Clock;
 
 use rand::{RngExt, SeedableRng};
@@ -85,6 +86,7 @@ fn solve_timed(
         }
     };
     let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
+    let instant = instant.within(Arc::new(motion_settings(settings).surroundings(table, model)));
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
     let deadline = Deadline::after(clock, settings.time_limit_s);
     let sqp_settings = SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() };
@@ -94,7 +96,7 @@ fn solve_timed(
     let warm = before.or(coarse.as_ref()).map(|answer| answer.start(&problem, scheme.as_ref()));
     let mut starts: Vec<Start> = warm.into_iter().collect();
     if starts.len() < settings.starts {
-        let Some(guess) = start_guess(model, scheme.as_ref(), points, &measurement) else {
+        let Some(guess) = start_guess(&instant, scheme.as_ref(), points, &measurement) else {
             let reason = "the start guess by inverse dynamics is not finite";
             return (Outcome::failed(Status::NonFinite, reason), None);
         };
@@ -248,8 +250,9 @@ pub fn transcribe<'m>(
     let mut data = Vec::new();
     for (&t, q) in measurement.times.iter().zip(&measurement.coordinates) {
         for (i, &value) in q.iter().enumerate() {
-            rows.push(scheme.coordinate_at(t, 0, i));
-            data.push(value);
+            let weight = instant.model.tracking_weight(i);
+            rows.push(scheme.coordinate_at(t, 0, i).into_iter().map(|(k, w)| (k, weight * w)).collect());
+            data.push(weight * value);
         }
     }
     for row in sharing_rows(instant.model, scheme, measurement, settings).into_iter().flatten() {

@@ -218,13 +218,11 @@ pub fn parameters(problem: &Collocation<'_>, iterate: &Iterate, mu: f64, sharing
         for (row, &(point, equation)) in rows.iter().enumerate() {
             let Some(j) = point.filter(|_| equation == contraction + m) else { continue };
             let z = problem.local(j, &iterate.x);
-            // The strain (L_mt − l cos θ)/L_s − 1 and its gradient, both times −1/L_s.
-            let (strain, slopes) = instant.tendon_strain(&z, m);
+            let (slope, mixed) = instant.slope_by_slack(problem.layout.times[j], &z, m);
             let lambda = iterate.equality_multipliers[row];
-            equalities[row] = -(strain + 1.0) / muscle.tendon_slack_length;
-            for (local, slope) in slopes {
-                let by = -lambda * slope / muscle.tendon_slack_length;
-                problem.layout.points[j].map[local].iter().for_each(|&(i, weight)| gradient[i] += weight * by);
+            equalities[row] = slope;
+            for (local, by) in mixed {
+                problem.layout.points[j].map[local].iter().for_each(|&(i, weight)| gradient[i] += weight * lambda * by);
             }
         }
         let name = format!("muscle.{}.tendon_slack_length", muscle.name);

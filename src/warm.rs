@@ -41,7 +41,7 @@ impl Answer {
     pub fn start(&self, problem: &Collocation<'_>, scheme: &dyn Discretisation) -> Start {
         let x = scheme.compose(&Prolonged {
             answer: self,
-            instant: Instant::new(problem.instant.model, self.form),
+            instant: Instant::new(problem.instant.model, self.form).within(problem.instant.surroundings().clone()),
             stretch: self.stretch(scheme),
             last: RefCell::new((f64::NAN, Vec::new())),
         });

@@ -55,7 +55,7 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
                 Ok(format!("spatial model, {bodies} bodies and {muscles} muscles"))
             } else {
                 let (_, model) = ModelFile::load(&file)?;
-                Ok(format!("model, {} bodies and {} muscles", model.bodies.len(), model.muscles.len()))
+                Ok(format!("model, {} bodies and {} muscles", model.bodies(), model.muscles.len()))
             }
         }
         _ => Err(Error::Table {

@@ -24,8 +24,8 @@ pub fn plan(path: &Path, out: Option<PathBuf>, all: bool) -> Result<u8> {
     print(&format!(
         "model  {} ({} bodies, {} joints, {} muscles)",
         study.sources.model.path.display(),
-        model.bodies.len(),
-        model.joints.len(),
+        model.bodies(),
+        model.joints(),
         model.muscles.len()
     ));
     print(&format!(

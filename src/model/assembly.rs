@@ -3,7 +3,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Model, joint::PairFunction};
+use super::joint::PairFunction;
+use super::planar::Planar;
 
 /// The joints of a model cannot all be closed.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,9 +20,9 @@ pub struct CannotAssemble {
 const CLOSED: f64 = 1e-10;
 const ITERATIONS: usize = 200;
 
-impl Model {
+impl Planar {
     /// Body coordinates (length `nq`) for the joint coordinates `given`, in the order of
-    /// [`Model::joint_coordinates`]; `None` is free (only sensible in a closed loop). `start` is a near pose.
+    /// [`Planar::joint_coordinates`]; `None` is free (only sensible in a closed loop). `start` is a near pose.
     ///
     /// Levenberg–Marquardt on all conditions; if the measured coordinates contradict each other
     /// (a loop with noise), the nearest pose that closes the joints.
@@ -149,7 +150,7 @@ impl Model {
 mod tests {
     #[test]
     fn a_loop_is_closed_from_one_coordinate_and_a_broken_one_is_reported() {
-        let model = crate::transcription::instant::tests::model();
+        let model = crate::transcription::instant::tests::model().planar().unwrap().clone();
         let given = [Some(0.4), None, None];
         let q = model.assemble(&given, None).unwrap();
         for joint in &model.joints {
@@ -161,7 +162,7 @@ mod tests {
         let text = include_str!("../../tests/fixtures/everything.toml")
             .replace("parent_point = [0.5, 0.0]", "parent_point = [0.01, 0.0]");
         let file: crate::model::file::ModelFile = toml::from_str(&text).unwrap();
-        let mut broken = file.check().unwrap();
+        let mut broken = file.check().unwrap().planar().unwrap().clone();
         // A rail far out of reach of the short rod.
         if let crate::model::Place::Ground(point) = &mut broken.joints[2].parent {
             *point = [0.0, 3.0];

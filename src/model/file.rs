@@ -8,8 +8,10 @@ use super::Model;
 use super::body::{Body, ExternalForce, Place};
 use super::curves::ForceVelocity;
 use super::joint::{Joint, JointKind};
+use super::mechanics::Mechanics;
 use super::musculotendon::Musculotendon;
-use super::path::Path;
+use super::path::{Path, StraightPath};
+use super::planar::Planar;
 use crate::error::{Issue, Result, SourceFile, nearest};
 
 #[derive(Clone, Debug, Deserialize)]
@@ -50,6 +52,32 @@ impl Default for CurvesEntry {
     fn default() -> Self {
         let curve = ForceVelocity::default();
         Self { eccentric_limit: curve.eccentric_limit, shortening_curvature: curve.shortening }
+    }
+}
+
+impl CurvesEntry {
+    /// # Errors
+    /// If a number is out of its range.
+    pub fn check(&self) -> std::result::Result<ForceVelocity, Issue> {
+        let curve = ForceVelocity {
+            shortening: self.shortening_curvature,
+            eccentric_limit: self.eccentric_limit,
+        };
+        if !(curve.shortening > 0.0 && curve.shortening < 1.0) {
+            return Err(Issue::new(
+                &["curves", "shortening_curvature"],
+                format!("found {}", curve.shortening),
+                "it must lie between 0 and 1; the thesis uses 0.25",
+            ));
+        }
+        if !(curve.eccentric_limit > 1.0 && curve.eccentric_limit.is_finite()) {
+            return Err(Issue::new(
+                &["curves", "eccentric_limit"],
+                format!("found {}", curve.eccentric_limit),
+                "it must be above 1; the thesis uses 1.33",
+            ));
+        }
+        Ok(curve)
     }
 }
 
@@ -169,24 +197,7 @@ impl ModelFile {
             return Err(Issue::new(&["muscle"], "the model has no muscle", "add at least one `[[muscle]]` table"));
         }
         finite(&["gravity"], &self.gravity)?;
-        let curve = ForceVelocity {
-            shortening: self.curves.shortening_curvature,
-            eccentric_limit: self.curves.eccentric_limit,
-        };
-        if !(curve.shortening > 0.0 && curve.shortening < 1.0) {
-            return Err(Issue::new(
-                &["curves", "shortening_curvature"],
-                format!("found {}", curve.shortening),
-                "it must lie between 0 and 1; the thesis uses 0.25",
-            ));
-        }
-        if !(curve.eccentric_limit > 1.0 && curve.eccentric_limit.is_finite()) {
-            return Err(Issue::new(
-                &["curves", "eccentric_limit"],
-                format!("found {}", curve.eccentric_limit),
-                "it must be above 1; the thesis uses 1.33",
-            ));
-        }
+        let curve = self.curves.check()?;
         unique("body", self.body.iter().map(|b| b.name.as_str()))?;
         unique("joint", self.joint.iter().map(|j| j.name.as_str()))?;
         unique("muscle", self.muscle.iter().map(|m| m.name.as_str()))?;
@@ -219,7 +230,8 @@ impl ModelFile {
             .iter()
             .map(|b| Body { name: b.name.clone(), mass: b.mass, inertia: b.inertia, centre_of_mass: b.centre_of_mass })
             .collect();
-        Ok(Model { name: self.name.clone(), gravity: self.gravity, bodies, joints, muscles, forces })
+        let mechanics = Mechanics::Planar(Planar { gravity: self.gravity, bodies, joints, forces });
+        Ok(Model { name: self.name.clone(), mechanics, muscles })
     }
 
     /// Joint coordinates place a body only through a chain of joints from the ground.
@@ -358,7 +370,7 @@ impl ModelFile {
                 "remove one of them: a segment of no length has no direction",
             ));
         }
-        let path = Path::new(points);
+        let path = StraightPath::new(points);
         if path.points.iter().all(|p| p.body() == path.points[0].body()) {
             return Err(Issue::new(
                 &key("path"),
@@ -376,7 +388,8 @@ impl ModelFile {
             deactivation_time: m.deactivation_time,
             max_shortening_velocity: m.max_shortening_velocity,
             force_velocity,
-            path,
+            rigid_tendon: false,
+            path: Path::Straight(path),
         })
     }
 

@@ -1,63 +1,197 @@
 //! The musculoskeletal model: rigid bodies, joints as constraints on body coordinates, musculotendons.
 //!
-//! A planar body has the coordinates x, y (m) of its centre of mass and its angle φ (rad), so a model of
-//! `nb` bodies has `nq = 3 nb` body coordinates, body after body. What the user writes is a [`file::ModelFile`];
-//! what the rest of the program sees is a checked [`Model`].
+//! What the user writes is a [`file::ModelFile`] (planar) or a [`crate::skeleton::file::SkeletonFile`] (spatial); what
+//! the rest of the program sees is a checked [`Model`].
 
 pub mod assembly;
 pub mod body;
 pub mod curves;
 pub mod file;
 pub mod joint;
+pub mod mechanics;
 pub mod musculotendon;
 pub mod path;
+pub mod planar;
+pub mod spatial;
 
 pub use body::{Body, ExternalForce, Place};
 pub use joint::{Joint, JointKind};
+pub use mechanics::Mechanics;
 pub use musculotendon::Musculotendon;
+use std::sync::Arc;
 
-/// A checked planar model.
+use crate::skeleton::{Girdle, Skeleton};
+use path::Path;
+use planar::Planar;
+use spatial::Spatial;
+
+/// The name under which a study adds an abduction to a motion: `motion.abduction_offset_deg`.
+pub const ABDUCTION: &str = "abduction";
+
+/// A checked model.
 #[derive(Clone, Debug)]
 pub struct Model {
     pub name: String,
-    /// Gravitational acceleration, m/s².
-    pub gravity: [f64; 2],
-    pub bodies: Vec<Body>,
-    pub joints: Vec<Joint>,
+    pub mechanics: Mechanics,
     pub muscles: Vec<Musculotendon>,
-    pub forces: Vec<ExternalForce>,
 }
 
 impl Model {
+    /// The model of a skeleton. Muscles that move no body with equations are left out: they act on nothing.
+    pub fn of_skeleton(skeleton: Arc<Skeleton>, girdle: Girdle) -> Self {
+        let spatial = Spatial::new(skeleton, girdle);
+        let muscles = (spatial.skeleton.muscles.iter())
+            .map(|muscle| Musculotendon {
+                name: muscle.name.clone(),
+                max_isometric_force: muscle.max_isometric_force,
+                optimal_fibre_length: muscle.optimal_fibre_length,
+                tendon_slack_length: muscle.tendon_slack_length,
+                pennation_angle: muscle.pennation_angle,
+                activation_time: muscle.activation_time,
+                deactivation_time: muscle.deactivation_time,
+                max_shortening_velocity: muscle.max_shortening_velocity,
+                force_velocity: muscle.force_velocity,
+                rigid_tendon: muscle.rigid_tendon,
+                path: Path::Spatial(spatial.path(muscle)),
+            })
+            .filter(|muscle| !muscle.path.slots().is_empty())
+            .collect();
+        Self { name: spatial.skeleton.name.clone(), mechanics: Mechanics::Spatial(spatial), muscles }
+    }
+
     /// Number of body coordinates `nq`.
     pub fn coordinates(&self) -> usize {
-        3 * self.bodies.len()
+        self.mechanics.coordinates()
     }
 
     /// Number of joint constraints `nc`.
     pub fn constraints(&self) -> usize {
-        self.joints.iter().map(|joint| joint.kind.constraints()).sum()
+        self.mechanics.constraints()
+    }
+
+    /// The mechanism of a planar model, `None` of a spatial one.
+    pub fn planar(&self) -> Option<&Planar> {
+        match &self.mechanics {
+            Mechanics::Planar(planar) => Some(planar),
+            Mechanics::Spatial(_) => None,
+        }
+    }
+
+    /// The mechanism of a spatial model, `None` of a planar one.
+    pub fn spatial(&self) -> Option<&Spatial> {
+        match &self.mechanics {
+            Mechanics::Planar(_) => None,
+            Mechanics::Spatial(spatial) => Some(spatial),
+        }
     }
 
     /// Total weight in newtons, the unit of forces inside the solver. Without gravity, one gravity is taken.
     pub fn weight(&self) -> f64 {
-        let mass: f64 = self.bodies.iter().map(|body| body.mass).sum();
-        let gravity = self.gravity[0].hypot(self.gravity[1]);
+        let (mass, gravity): (f64, f64) = match &self.mechanics {
+            Mechanics::Planar(planar) => {
+                (planar.bodies.iter().map(|body| body.mass).sum(), planar.gravity[0].hypot(planar.gravity[1]))
+            }
+            Mechanics::Spatial(spatial) => {
+                (spatial.bodies.iter().map(|body| body.mass).sum(), crate::skeleton::frame::norm(&spatial.gravity))
+            }
+        };
         mass * if gravity > 0.0 { gravity } else { 9.81 }
     }
 
-    /// Diagonal of the mass matrix M: mass, mass, inertia of each body (kg, kg, kg m²).
-    pub fn mass_diagonal(&self) -> Vec<f64> {
-        self.bodies.iter().flat_map(|body| [body.mass, body.mass, body.inertia]).collect()
+    pub fn bodies(&self) -> usize {
+        match &self.mechanics {
+            Mechanics::Planar(planar) => planar.bodies.len(),
+            Mechanics::Spatial(spatial) => spatial.bodies.len(),
+        }
     }
 
-    /// Names of the joint coordinates, in the order of the joints.
-    pub fn joint_coordinates(&self) -> impl Iterator<Item = (&Joint, &str)> {
-        self.joints.iter().filter_map(|joint| joint.coordinate.as_deref().map(|name| (joint, name)))
+    pub fn joints(&self) -> usize {
+        match &self.mechanics {
+            Mechanics::Planar(planar) => planar.joints.len(),
+            Mechanics::Spatial(spatial) => spatial.joints.iter().filter(|joint| !joint.is_normal()).count(),
+        }
+    }
+
+    /// The joint coordinates by name, and whether each is an angle.
+    pub fn joint_coordinates(&self) -> Vec<(&str, bool)> {
+        match &self.mechanics {
+            Mechanics::Planar(planar) => {
+                planar.joint_coordinates().map(|(joint, name)| (name, joint.kind.is_angular())).collect()
+            }
+            Mechanics::Spatial(spatial) => {
+                spatial.skeleton.coordinates.iter().map(|c| (c.name.as_str(), c.is_angle)).collect()
+            }
+        }
+    }
+
+    /// Weight of a body coordinate in the tracking term: 1, but 2 for an Euler parameter, whose change is half the angle turned.
+    pub fn tracking_weight(&self, coordinate: usize) -> f64 {
+        match &self.mechanics {
+            Mechanics::Spatial(_) if coordinate % spatial::joint::PER_BODY >= 3 => 2.0,
+            _ => 1.0,
+        }
+    }
+
+    /// Coordinates of a body, and how many of them are positions (m).
+    pub fn per_body(&self) -> (usize, usize) {
+        match &self.mechanics {
+            Mechanics::Planar(_) => (3, 2),
+            Mechanics::Spatial(_) => (spatial::joint::PER_BODY, 3),
+        }
+    }
+
+    /// Values of the joint coordinates (rad, m) at all coordinates `q`; of a spatial model the abduction reached.
+    pub fn joint_coordinate_values(&self, q: &[f64]) -> Vec<(&str, f64)> {
+        match &self.mechanics {
+            Mechanics::Planar(planar) => {
+                planar.joint_coordinates().map(|(joint, name)| (name, joint.coordinate_value(q).value)).collect()
+            }
+            Mechanics::Spatial(spatial) => {
+                spatial.abduction_reached(q).map(|angle| (ABDUCTION, angle)).into_iter().collect()
+            }
+        }
+    }
+
+    /// Name of the reaction of each constraint, `joint.0` and so on; `None` for pᵀp = 1, which has no reaction.
+    pub fn reaction_names(&self) -> Vec<Option<String>> {
+        let each = |name: &str, count: usize, real: bool| {
+            (0..count).map(|k| real.then(|| format!("{name}.{k}"))).collect::<Vec<_>>()
+        };
+        match &self.mechanics {
+            Mechanics::Planar(planar) => {
+                planar.joints.iter().flat_map(|joint| each(&joint.name, joint.kind.constraints(), true)).collect()
+            }
+            Mechanics::Spatial(spatial) => (spatial.joints.iter())
+                .flat_map(|joint| each(&joint.name, joint.constraints(), !joint.is_normal()))
+                .collect(),
+        }
+    }
+
+    /// External forces that the motion file must have over time.
+    pub fn measured_forces(&self) -> Vec<&str> {
+        let Mechanics::Spatial(spatial) = &self.mechanics else { return Vec::new() };
+        spatial.skeleton.forces.iter().filter(|f| f.force.is_none()).map(|f| f.name.as_str()).collect()
+    }
+
+    /// What a study may change in a motion: the joint coordinates, and the abduction of models that have one.
+    pub fn motion_coordinates(&self) -> Vec<(&str, bool)> {
+        let mut names = self.joint_coordinates();
+        if self.spatial().is_some_and(|spatial| spatial.skeleton.abduction.is_some()) {
+            names.push((ABDUCTION, true));
+        }
+        names
     }
 
     /// Names of the body coordinates, `upper_arm.x` and so on.
     pub fn body_coordinate_names(&self) -> Vec<String> {
-        self.bodies.iter().flat_map(|body| ["x", "y", "angle"].map(|axis| format!("{}.{axis}", body.name))).collect()
+        let each = |name: &str, axes: &[&str]| axes.iter().map(|axis| format!("{name}.{axis}")).collect::<Vec<_>>();
+        match &self.mechanics {
+            Mechanics::Planar(planar) => {
+                planar.bodies.iter().flat_map(|body| each(&body.name, &["x", "y", "angle"])).collect()
+            }
+            Mechanics::Spatial(spatial) => (spatial.bodies.iter())
+                .flat_map(|body| each(&body.name, &["x", "y", "z", "e0", "e1", "e2", "e3"]))
+                .collect(),
+        }
     }
 }

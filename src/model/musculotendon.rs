@@ -1,7 +1,7 @@
 //! The Hill musculotendon: a fibre (contractile and parallel elastic element) in series with a tendon,
 //! at a constant pennation angle (thesis, Paper B eqs 3, 4, 6, 7 and Figure 1).
 
-use super::curves::{ForceVelocity, active_force_length, passive_force_length};
+use super::curves::{ForceVelocity, active_force_length, passive_force_length, tendon_force, tendon_strain};
 use super::path::Path;
 
 #[derive(Clone, Debug)]
@@ -22,6 +22,8 @@ pub struct Musculotendon {
     /// Optimal fibre lengths a second. The thesis does not divide by one: 1; about 10 is physiological.
     pub max_shortening_velocity: f64,
     pub force_velocity: ForceVelocity,
+    /// The tendon does not stretch: its length is L_s, whatever the force.
+    pub rigid_tendon: bool,
     pub path: Path,
 }
 
@@ -31,6 +33,17 @@ pub struct FibreForce {
     pub value: f64,
     pub gradient: [f64; 3],
     pub hessian: [[f64; 3]; 3],
+}
+
+/// Eq. (3) at an instant; see [`Musculotendon::contraction`].
+#[derive(Clone, Copy, Debug)]
+pub struct Contraction {
+    pub value: f64,
+    pub by_path: f64,
+    pub by_length: f64,
+    pub by_force: f64,
+    /// Its second derivative by f_m.
+    pub bent: f64,
 }
 
 /// A function of (activation, its rate, excitation) with its derivatives; only (a, u) is curved.
@@ -68,6 +81,33 @@ impl Musculotendon {
                 [cos * by_av, cos * by_lv, cos * a * l.value * v2],
             ],
         }
+    }
+
+    /// Eq. (3) as it is solved, and its slopes by the path's length and by f_m: `l_t − f_t⁻¹(f_m)`; of a rigid tendon
+    /// `(L_mt − L_o l_m cos θ − L_s)/L_o`, which says where the fibre is and leaves f_m alone.
+    pub fn contraction(&self, path_length: f64, fibre_length: f64, force: f64) -> Contraction {
+        let unit = 1.0 / self.length_unit();
+        let stretch = (path_length - self.fibre_along_tendon() * fibre_length - self.tendon_slack_length) * unit;
+        let by_length = -self.fibre_along_tendon() * unit;
+        if self.rigid_tendon {
+            return Contraction { value: stretch, by_path: unit, by_length, by_force: 0.0, bent: 0.0 };
+        }
+        let strain = tendon_strain(force);
+        let value = self.tendon_strain(path_length, fibre_length) - strain.value;
+        Contraction { value, by_path: unit, by_length, by_force: -strain.first, bent: -strain.second }
+    }
+
+    /// What lengths are divided by in eq. (3), m.
+    pub fn length_unit(&self) -> f64 {
+        if self.rigid_tendon { self.optimal_fibre_length } else { self.tendon_slack_length }
+    }
+
+    /// How far eq. (3) is from holding as printed: `f_t(l_t) − f_m`, normalised force; of a rigid tendon as it is solved.
+    pub fn printed_contraction(&self, path_length: f64, fibre_length: f64, force: f64) -> f64 {
+        if self.rigid_tendon {
+            return self.contraction(path_length, fibre_length, force).value;
+        }
+        tendon_force(self.tendon_strain(path_length, fibre_length)) - force
     }
 
     /// Tendon strain `l_t = (L_mt − L_o l_m cos θ − L_s)/L_s` (eqs 6, 7) of a path of `path_length` metres.
@@ -122,7 +162,8 @@ pub(crate) mod tests {
             deactivation_time: 0.12,
             max_shortening_velocity: 2.0,
             force_velocity: ForceVelocity::default(),
-            path: Path::new(vec![]),
+            rigid_tendon: false,
+            path: Path::Straight(crate::model::path::StraightPath::new(vec![])),
         }
     }
 

@@ -1,12 +1,69 @@
-//! Muscle paths: straight lines from the origin over via points to the insertion.
+//! Muscle paths. In the plane: straight lines from the origin over via points to the insertion; in space see [`SpatialPath`].
 
-use crate::numerics::Scalar;
+use num_dual::Dual64;
 
 use super::body::Place;
+use super::spatial::path::SpatialPath;
+use crate::numerics::Scalar;
 
-/// A muscle path over two or more points.
+/// The path of a musculotendon.
 #[derive(Clone, Debug)]
-pub struct Path {
+pub enum Path {
+    /// In the plane, over points.
+    Straight(StraightPath),
+    /// In space, over points and around surfaces.
+    Spatial(SpatialPath),
+}
+
+impl Path {
+    /// The body coordinates that the length depends on, increasing.
+    pub fn slots(&self) -> &[usize] {
+        match self {
+            Path::Straight(path) => &path.slots,
+            Path::Spatial(path) => &path.slots,
+        }
+    }
+
+    pub fn buffer<T: Scalar>(&self) -> PathLength<T> {
+        let (zero, n) = (T::from(0.0), self.slots().len());
+        PathLength { value: zero, gradient: vec![zero; n], hessian: vec![zero; n * n] }
+    }
+
+    /// Writes the length at all coordinates `q`, the given ones included, with first and, if asked, second derivatives.
+    pub fn length(&self, q: &[f64], second: bool, out: &mut PathLength<f64>) {
+        match self {
+            Path::Straight(path) => path.length(q, second, out),
+            Path::Spatial(path) => {
+                path.length(q, second, out);
+            }
+        }
+    }
+
+    /// [`Path::length`], with the directional derivatives along `direction` in the dual parts.
+    pub fn length_along(&self, q: &[f64], direction: &[f64]) -> PathLength<Dual64> {
+        match self {
+            Path::Straight(path) => {
+                let q: Vec<Dual64> = q.iter().zip(direction).map(|(&x, &d)| Dual64::new(x, d)).collect();
+                let mut out = self.buffer();
+                path.length(&q, true, &mut out);
+                out
+            }
+            Path::Spatial(path) => path.length_along(q, direction),
+        }
+    }
+
+    /// Where its points are, axis by axis, in the ground's frame.
+    pub fn positions(&self, q: &[f64]) -> Vec<Vec<f64>> {
+        match self {
+            Path::Straight(path) => path.points.iter().map(|place| place.at(q).position.to_vec()).collect(),
+            Path::Spatial(path) => (0..path.points.len()).map(|k| path.position(k, q).to_vec()).collect(),
+        }
+    }
+}
+
+/// A path over two or more points of the plane.
+#[derive(Clone, Debug)]
+pub struct StraightPath {
     pub points: Vec<Place>,
     /// The body coordinates that the length depends on, increasing: three for each moving body.
     pub slots: Vec<usize>,
@@ -22,18 +79,13 @@ pub struct PathLength<T> {
     pub hessian: Vec<T>,
 }
 
-impl Path {
+impl StraightPath {
     pub fn new(points: Vec<Place>) -> Self {
         let mut bodies: Vec<usize> = points.iter().filter_map(Place::body).collect();
         bodies.sort_unstable();
         bodies.dedup();
         let slots = bodies.iter().flat_map(|body| [3 * body, 3 * body + 1, 3 * body + 2]).collect();
         Self { points, slots }
-    }
-
-    pub fn buffer<T: Scalar>(&self) -> PathLength<T> {
-        let (zero, n) = (T::from(0.0), self.slots.len());
-        PathLength { value: zero, gradient: vec![zero; n], hessian: vec![zero; n * n] }
     }
 
     fn slot_of(&self, body: usize) -> usize {
@@ -102,27 +154,29 @@ impl Path {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use num_dual::Dual64;
     use rand::{RngExt, SeedableRng};
 
     #[test]
     fn gradient_and_hessian_agree_with_dual_numbers() {
-        let path = Path::new(vec![
+        let path = StraightPath::new(vec![
             Place::Ground([0.02, 0.03]),
             Place::Body(2, [0.1, 0.02]),
             Place::Body(2, [0.0, 0.05]),
             Place::Body(0, [-0.2, 0.1]),
         ]);
+        fn buffer<T: Scalar>() -> PathLength<T> {
+            PathLength { value: T::from(0.0), gradient: vec![T::from(0.0); 6], hessian: vec![T::from(0.0); 36] }
+        }
         assert_eq!(path.slots, [0, 1, 2, 6, 7, 8]);
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
         for _ in 0..20 {
             let q: Vec<f64> = (0..9).map(|_| rng.random_range(-1.0..1.0)).collect();
-            let mut exact = path.buffer();
+            let mut exact = buffer();
             path.length(&q, true, &mut exact);
             for (i, &slot) in path.slots.iter().enumerate() {
                 let mut dual: Vec<Dual64> = q.iter().map(|&x| Dual64::from(x)).collect();
                 dual[slot] = dual[slot].derivative();
-                let mut length = path.buffer();
+                let mut length = buffer();
                 path.length(&dual, true, &mut length);
                 assert!((length.value.eps - exact.gradient[i]).abs() < 1e-12);
                 for j in 0..path.slots.len() {

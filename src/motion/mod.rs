@@ -1,7 +1,10 @@
 //! The measured motion: a table of joint coordinates over time, and what is made of it.
 
+pub mod joint_motion;
 pub mod sampling;
+pub mod surroundings;
 pub mod table;
 
 pub use sampling::{Measurement, MotionSettings};
+pub use surroundings::Surroundings;
 pub use table::MotionTable;

@@ -1,11 +1,18 @@
 //! From a motion table to measured body coordinates at the measured instants: smoothing, resampling,
 //! offsets, noise, assembly.
 
+use std::sync::Arc;
+
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 
+use super::joint_motion::{JointMotion, Over};
+use super::surroundings::{Load, Surroundings};
 use super::MotionTable;
-use crate::model::{Model, assembly::CannotAssemble};
+use crate::model::assembly::CannotAssemble;
+use crate::model::planar::Planar;
+use crate::model::spatial::Spatial;
+use crate::model::{ABDUCTION, Mechanics, Model};
 use crate::numerics::cubic::{CubicSpline, Ends};
 
 /// What a study may do to a motion before it is tracked.
@@ -33,55 +40,107 @@ pub struct Measurement {
     pub coordinates: Vec<Vec<f64>>,
 }
 
+/// The model's joints cannot be closed at a time (s).
+pub type Gap = (f64, CannotAssemble);
+
 impl MotionSettings {
+    /// (offset, factor) of a coordinate.
+    fn change(&self, name: &str) -> (f64, f64) {
+        self.changes.iter().find(|(n, ..)| n == name).map_or((0.0, 1.0), |c| (c.1, c.2))
+    }
+
+    fn spline(&self, table: &MotionTable, values: &[f64]) -> CubicSpline {
+        let smooth = low_pass(&table.time, values, self.smoothing_hz);
+        let points: Vec<(f64, f64)> = table.time.iter().copied().zip(smooth).collect();
+        CubicSpline::new(&points, Ends::Natural)
+    }
+
     /// Samples the table at `points` collocation points' measured instants.
     ///
     /// # Errors
     /// The time and the gap where the joints cannot be closed.
-    pub fn measure(
-        &self,
-        table: &MotionTable,
-        model: &Model,
-        points: usize,
-    ) -> Result<Measurement, (f64, CannotAssemble)> {
-        let columns: Vec<Option<CubicSpline>> = model
-            .joint_coordinates()
-            .map(|(_, name)| {
-                let (_, values) = table.columns.iter().find(|(column, _)| column == name)?;
-                let smooth = low_pass(&table.time, values, self.smoothing_hz);
-                let points: Vec<(f64, f64)> = table.time.iter().copied().zip(smooth).collect();
-                Some(CubicSpline::new(&points, Ends::Natural))
-            })
-            .collect();
-        let change = |name: &str| self.changes.iter().find(|(n, ..)| n == name).map_or((0.0, 1.0), |c| (c.1, c.2));
+    pub fn measure(&self, table: &MotionTable, model: &Model, points: usize) -> Result<Measurement, Gap> {
         let count = self.measurement_ratio * (points - 1) + 1;
         let step = table.duration() / (count - 1) as f64;
-        let mut times = Vec::with_capacity(count);
-        let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(count);
-        for i in 0..count {
-            let at = table.start() + i as f64 * step;
-            let given: Vec<Option<f64>> = model
-                .joint_coordinates()
-                .zip(&columns)
-                .map(|((_, name), spline)| {
-                    let (offset, scale) = change(name);
-                    let spline = spline.as_ref()?;
-                    let first = spline.at(table.start())[0];
-                    Some(first + offset + scale * (spline.at(at)[0] - first))
-                })
-                .collect();
-            let q = model
-                .assemble(&given, coordinates.last().map(Vec::as_slice))
-                .map_err(|failure| (i as f64 * step * self.time_scale, failure))?;
-            times.push(i as f64 * step * self.time_scale);
-            coordinates.push(q);
-        }
+        let times: Vec<f64> = (0..count).map(|i| i as f64 * step * self.time_scale).collect();
+        let mut coordinates = match &model.mechanics {
+            Mechanics::Planar(planar) => self.assembled(table, planar, step, &times)?,
+            Mechanics::Spatial(spatial) => {
+                let motion = self.joint_motion(table, spatial);
+                let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(count);
+                for &t in &times {
+                    let q = motion.measured(t, coordinates.last().map(Vec::as_slice));
+                    coordinates.push(q);
+                }
+                coordinates
+            }
+        };
         if self.noise_sd > 0.0 {
             let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(self.seed);
             let normal = Normal::new(0.0, self.noise_sd).expect("a positive standard deviation");
             coordinates.iter_mut().flatten().for_each(|x| *x += normal.sample(&mut rng));
         }
         Ok(Measurement { times, coordinates })
+    }
+
+    /// Body coordinates of a planar model that closes its joints.
+    fn assembled(&self, table: &MotionTable, planar: &Planar, step: f64, times: &[f64]) -> Result<Vec<Vec<f64>>, Gap> {
+        let columns: Vec<(Option<CubicSpline>, (f64, f64))> = planar
+            .joint_coordinates()
+            .map(|(_, name)| (table.column(name).map(|values| self.spline(table, values)), self.change(name)))
+            .collect();
+        let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(times.len());
+        for (i, &t) in times.iter().enumerate() {
+            let at = table.start() + i as f64 * step;
+            let given: Vec<Option<f64>> = columns
+                .iter()
+                .map(|(spline, (offset, scale))| {
+                    let spline = spline.as_ref()?;
+                    let first = spline.at(table.start())[0];
+                    Some(first + offset + scale * (spline.at(at)[0] - first))
+                })
+                .collect();
+            let q = planar.assemble(&given, coordinates.last().map(Vec::as_slice)).map_err(|failure| (t, failure))?;
+            coordinates.push(q);
+        }
+        Ok(coordinates)
+    }
+
+    /// The joint coordinates of a spatial model over time; those without a column keep their default.
+    pub fn joint_motion(&self, table: &MotionTable, spatial: &Spatial) -> JointMotion {
+        let coordinates = (spatial.skeleton.coordinates.iter())
+            .map(|coordinate| match table.column(&coordinate.name) {
+                Some(values) if !coordinate.locked => {
+                    let spline = self.spline(table, values);
+                    let (offset, scale) = self.change(&coordinate.name);
+                    Over::Time { first: spline.at(table.start())[0], spline, offset, scale }
+                }
+                _ => Over::Constant(coordinate.default),
+            })
+            .collect();
+        let (abduction, _) = self.change(ABDUCTION);
+        JointMotion::new(spatial, coordinates, table.start(), self.time_scale, abduction)
+    }
+
+    /// External forces and the motion of given bodies.
+    pub fn surroundings(&self, table: &MotionTable, model: &Model) -> Surroundings {
+        let Mechanics::Spatial(spatial) = &model.mechanics else { return Surroundings::constant(model) };
+        let over_time = |name: &str, scale: f64| {
+            let values = table.force(name)?;
+            let spline = |axis: usize| {
+                let points = table.time.iter().map(|t| (t - table.start()) * self.time_scale).zip(values[axis].clone());
+                CubicSpline::new(&points.collect::<Vec<_>>(), Ends::Natural)
+            };
+            Some(Load::OverTime(Box::new([spline(0), spline(1), spline(2)]), scale))
+        };
+        let loads = (spatial.skeleton.forces.iter())
+            .map(|force| match force.force {
+                Some(constant) => Load::Constant(constant.map(|x| x * force.scale)),
+                None => over_time(&force.name, force.scale).unwrap_or(Load::Constant([0.0; 3])),
+            })
+            .collect();
+        let motion = (!spatial.given.is_empty()).then(|| Arc::new(self.joint_motion(table, spatial)));
+        Surroundings::new(loads, motion)
     }
 }
 

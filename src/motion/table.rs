@@ -2,7 +2,8 @@
 //!
 //! One column is `time` (s), the others joint coordinates, in any order. CSV headers carry the unit as a
 //! suffix (`elbow_angle_deg`, `elbow_angle_rad`, `slide_m`); lines that begin with `#` are comments. Storage files say
-//! `inDegrees=yes|no` in their header, which ends with `endheader`.
+//! `inDegrees=yes|no` in their header, which ends with `endheader`. An external force that the model leaves to the motion has the columns
+//! `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
 
 use std::path::Path;
 
@@ -16,6 +17,8 @@ pub struct MotionTable {
     pub time: Vec<f64>,
     /// (name of the joint coordinate, one value per time)
     pub columns: Vec<(String, Vec<f64>)>,
+    /// (name of the external force, its components in the ground's axes, N)
+    pub forces: Vec<(String, [Vec<f64>; 3])>,
 }
 
 /// One row of text fields with its line number (from 1).
@@ -124,12 +127,24 @@ impl MotionTable {
                 Some("the first row names the columns".into()),
             ));
         };
-        let known: Vec<&str> = model.joint_coordinates().map(|(_, name)| name).collect();
+        let coordinates = model.joint_coordinates();
+        let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
+        let forces = model.measured_forces();
+        // (column, force, axis)
+        let mut force_columns: Vec<(usize, usize, usize)> = Vec::new();
         let mut time_column = None;
         let mut wanted: Vec<(usize, String, f64)> = Vec::new();
         for (index, field) in header.fields.iter().enumerate() {
             if *field == "time" || (in_degrees.is_none() && *field == "time_s") {
                 time_column = Some(index);
+                continue;
+            }
+            let of_force = |(k, force): (usize, &&str)| {
+                let axis = field.strip_prefix(*force)?;
+                Some((k, ["_x_n", "_y_n", "_z_n"].iter().position(|ending| *ending == axis)?))
+            };
+            if let Some((force, axis)) = forces.iter().enumerate().find_map(of_force) {
+                force_columns.push((index, force, axis));
                 continue;
             }
             let (name, unit) = match in_degrees {
@@ -141,7 +156,7 @@ impl MotionTable {
             };
             // OpenSim 4 writes /jointset/elbow/elbow_flexion/value.
             let short = name.trim_end_matches("/value").rsplit('/').next().unwrap_or(name);
-            let Some((joint, coordinate)) = model.joint_coordinates().find(|(_, known)| *known == short) else {
+            let Some(&(coordinate, angular)) = coordinates.iter().find(|(known, _)| *known == short) else {
                 if in_degrees.is_some() {
                     continue; // storage files hold all coordinates of the subject: take those the model has
                 }
@@ -151,7 +166,7 @@ impl MotionTable {
                     file.line_span(header.line),
                     format!("the column `{field}` is no joint coordinate of the model `{}`", model.name),
                     "in this header",
-                    Some(format!("{near}the model has: {}", known.join(", "))),
+                    Some(format!("{near}the model has: {}{}", known.join(", "), forces_said(&forces))),
                 ));
             };
             if wanted.iter().any(|(_, other, _)| other == coordinate) {
@@ -162,7 +177,6 @@ impl MotionTable {
                     Some("remove one of them".to_owned()),
                 ));
             }
-            let angular = joint.kind.is_angular();
             let factor = match (angular, in_degrees, unit) {
                 (true, Some(true), _) | (true, None, Some("deg")) => std::f64::consts::PI / 180.0,
                 (true, Some(false), _) | (true, None, Some("rad")) => 1.0,
@@ -198,7 +212,19 @@ impl MotionTable {
         let mut table = MotionTable {
             time: Vec::with_capacity(rows.len()),
             columns: wanted.iter().map(|(_, name, _)| (name.clone(), Vec::with_capacity(rows.len()))).collect(),
+            forces: forces.iter().map(|name| ((*name).to_owned(), Default::default())).collect(),
         };
+        for (k, force) in forces.iter().enumerate() {
+            let there = force_columns.iter().filter(|(_, other, _)| *other == k).count();
+            if there != 3 {
+                return Err(file.error(
+                    file.line_span(header.line),
+                    format!("the external force `{force}` has {there} of its three columns"),
+                    "in this header",
+                    Some(format!("add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or give the force in the model")),
+                ));
+            }
+        }
         for row in rows {
             let bad = |message: String, help: &str| {
                 Err(file.error(file.line_span(row.line), message, "in this row", Some(help.to_owned())))
@@ -227,6 +253,15 @@ impl MotionTable {
                 );
             }
             table.time.push(time);
+            for &(index, force, axis) in &force_columns {
+                let Some(value) = number(index) else {
+                    return bad(
+                        format!("line {}: `{}` is no finite number", row.line, row.fields[index]),
+                        "forces are in newtons",
+                    );
+                };
+                table.forces[force].1[axis].push(value);
+            }
             for ((index, _, factor), (name, values)) in wanted.iter().zip(&mut table.columns) {
                 match number(*index) {
                     Some(value) => values.push(value * factor),
@@ -253,6 +288,16 @@ impl MotionTable {
         Ok(table)
     }
 
+    /// Values of a joint coordinate, rad or m.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.columns.iter().find(|(column, _)| column == name).map(|(_, values)| values.as_slice())
+    }
+
+    /// Components of an external force, N.
+    pub fn force(&self, name: &str) -> Option<&[Vec<f64>; 3]> {
+        self.forces.iter().find(|(force, _)| force == name).map(|(_, values)| values)
+    }
+
     pub fn start(&self) -> f64 {
         self.time[0]
     }
@@ -261,4 +306,9 @@ impl MotionTable {
     pub fn duration(&self) -> f64 {
         self.time[self.time.len() - 1] - self.time[0]
     }
+}
+
+fn forces_said(forces: &[&str]) -> String {
+    let columns = forces.iter().map(|force| format!("; of the force {force}: {force}_x_n, {force}_y_n, {force}_z_n"));
+    columns.collect()
 }

@@ -4,21 +4,28 @@
 //! f(x) = Σ x_i²/a_i² − 1 = 0,   n = ∇f/|∇f|
 //! geodesic:  x″ = −κ n,   κ = x′ᵀ(∇²f) x′ / |∇f|
 //! unknowns:  the first contact S (two numbers) and the length ℓ of the geodesic, which ends in E
-//! equations: n(S)·(a − S) = 0,   n(E)·(b − E) = 0,   (n × x′)(E)·(b − E) = 0
+//! equations: r_1 = n(S)·(a − S) = 0,   r_2 = n(E)·(b − E) = 0,   r_3 = b̂(E)·(b − E) = 0,   b̂ = n × x′
 //! ```
 //!
-//! The geodesic begins in the direction in which the straight part arrives. Newton's method from a taut string of a few
-//! nodes. Source: A. Scholz et al., *Multibody Syst. Dyn.* 36, 2016 (one surface, derivatives by differences).
+//! The geodesic begins in the direction in which the straight part arrives. Along with it go the distances to its neighbours
+//! (y″ = −K y, K the Gaussian curvature), which give Newton's matrix: with κ and τ the surface's curvature along x′ and its
+//! torsion, D the straight parts, y the neighbour that a ray from a becomes and m = y + D_b y′ at b,
+//!
+//! ```text
+//! S + σ x′ + β b̂,  E + η x′:   δr_3 = −m β/D_a,   δr_1 = −D_a (κ_S σ + τ_S β),   δr_2 = D_b (κ_E η + τ_E y β/D_a)
+//! ```
+//!
+//! The matrix is exact at the solution, so the convergence is quadratic. The start is the way around a sphere of which the
+//! ellipsoid is the affine image, or, where that fails, a taut string of nodes. Source: A. Scholz et al., *Multibody Syst. Dyn.* 36, 2016.
 
 use super::frame::{Vector, along, cross, dot, minus, norm, unit};
-use super::surface::{Contact, tangents};
+use super::surface::{Contact, Spread, around_sphere};
 
 const NODES: usize = 24;
 const SWEEPS: usize = 400;
 /// Runge–Kutta steps along the geodesic.
-const STEPS: usize = 96;
+const STEPS: usize = 64;
 const NEWTON: usize = 40;
-const DIFFERENCE: f64 = 1e-7;
 const TOLERANCE: f64 = 1e-13;
 
 /// See [`super::surface::Shape::contact`].
@@ -31,10 +38,16 @@ pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contac
     if !ellipsoid.hides(&a, &b) {
         return None;
     }
-    let (first, length) = ellipsoid.string(&a, &b)?;
-    let (first, last, length) = ellipsoid.taut(&a, &b, first, length)?;
+    let found = ellipsoid
+        .affine(&a, &b)
+        .and_then(|(first, length)| ellipsoid.taut(&a, &b, first, length))
+        .filter(|contact| contact.length > 0.0)
+        .or_else(|| ellipsoid.string(&a, &b).and_then(|(first, length)| ellipsoid.taut(&a, &b, first, length)))?;
     let back = |x: &Vector| x.map(|x| x * unit_length);
-    (length > 0.0).then(|| Contact { first: back(&first), last: back(&last), length: length * unit_length })
+    let Spread { along, turned, bent, kept } = found.spread;
+    let spread = Spread { along, turned: turned * unit_length, bent: bent / unit_length, kept };
+    let (first, last) = (back(&found.first), back(&found.last));
+    (found.length > 0.0).then(|| Contact { first, last, length: found.length * unit_length, spread })
 }
 
 struct Ellipsoid {
@@ -94,88 +107,137 @@ impl Ellipsoid {
         Some((self.onto(&nodes[first]), length))
     }
 
-    /// End and direction there of the geodesic of some length from `x` in the direction `t`; backwards for a negative length.
-    fn geodesic(&self, x: Vector, t: Vector, length: f64) -> (Vector, Vector) {
-        let acceleration = |x: &Vector, t: &Vector| {
+    /// First contact and length of the affine image of the way around the unit sphere.
+    fn affine(&self, a: &Vector, b: &Vector) -> Option<(Vector, f64)> {
+        let over = |x: &Vector| [0, 1, 2].map(|i| x[i] / self.radii[i]);
+        let back = |x: &Vector| [0, 1, 2].map(|i| x[i] * self.radii[i]);
+        let contact = around_sphere(1.0, &over(a), &over(b))?;
+        let (sin, cos) = contact.length.sin_cos();
+        let across = along(&contact.last, -cos, &contact.first).map(|x| x / sin.max(1e-12));
+        let at = |k: usize| {
+            let (sin, cos) = (contact.length * k as f64 / NODES as f64).sin_cos();
+            back(&along(&contact.first.map(|x| x * cos), sin, &across))
+        };
+        let length = (0..NODES).map(|k| norm(&minus(&at(k + 1), &at(k)))).sum();
+        Some((back(&contact.first), length))
+    }
+
+    /// The geodesic of some length from `x` in the direction `t`; backwards for a negative length.
+    fn geodesic(&self, x: Vector, t: Vector, length: f64) -> Geodesic {
+        // Of x and t, and of the Gaussian curvature: 1/(∏ r² (Σ x²/r⁴)²).
+        let product: f64 = self.radii.iter().map(|r| r * r).product();
+        let forces = |x: &Vector, t: &Vector| {
             let gradient = self.gradient(x);
             let bent: f64 = (0..3).map(|i| 2.0 * t[i] * t[i] / (self.radii[i] * self.radii[i])).sum();
-            gradient.map(|g| -g * bent / dot(&gradient, &gradient))
+            let square = dot(&gradient, &gradient);
+            (gradient.map(|g| -g * bent / square), -16.0 / (product * square * square))
         };
         let h = length / STEPS as f64;
-        let (mut x, mut t) = (x, t);
+        // (x, t), and the neighbours (y, y′) that begin with (1, 0) and with (0, 1).
+        let (mut x, mut t, mut y) = (x, t, [1.0, 0.0, 0.0, 1.0]);
+        let rate = |y: &[f64; 4], k: f64| [y[1], k * y[0], y[3], k * y[2]];
+        let step = |y: &[f64; 4], h: f64, by: &[f64; 4]| [0, 1, 2, 3].map(|i| y[i] + h * by[i]);
         for _ in 0..STEPS {
-            let (v1, a1) = (t, acceleration(&x, &t));
-            let (v2, a2) = (along(&t, h / 2.0, &a1), acceleration(&along(&x, h / 2.0, &v1), &along(&t, h / 2.0, &a1)));
-            let (v3, a3) = (along(&t, h / 2.0, &a2), acceleration(&along(&x, h / 2.0, &v2), &along(&t, h / 2.0, &a2)));
-            let (v4, a4) = (along(&t, h, &a3), acceleration(&along(&x, h, &v3), &along(&t, h, &a3)));
+            let (a1, k1) = forces(&x, &t);
+            let (v1, y1) = (t, rate(&y, k1));
+            let v2 = along(&t, h / 2.0, &a1);
+            let (a2, k2) = forces(&along(&x, h / 2.0, &v1), &v2);
+            let y2 = rate(&step(&y, h / 2.0, &y1), k2);
+            let v3 = along(&t, h / 2.0, &a2);
+            let (a3, k3) = forces(&along(&x, h / 2.0, &v2), &v3);
+            let y3 = rate(&step(&y, h / 2.0, &y2), k3);
+            let v4 = along(&t, h, &a3);
+            let (a4, k4) = forces(&along(&x, h, &v3), &v4);
+            let y4 = rate(&step(&y, h, &y3), k4);
             for i in 0..3 {
                 x[i] += h / 6.0 * (v1[i] + 2.0 * v2[i] + 2.0 * v3[i] + v4[i]);
                 t[i] += h / 6.0 * (a1[i] + 2.0 * a2[i] + 2.0 * a3[i] + a4[i]);
             }
+            (0..4).for_each(|i| y[i] += h / 6.0 * (y1[i] + 2.0 * y2[i] + 2.0 * y3[i] + y4[i]));
         }
-        (x, unit(&t))
+        Geodesic { end: x, way: unit(&t), spread: Spread { along: y[0], bent: y[1], turned: y[2], kept: y[3] } }
     }
 
-    /// The three equations of the module for a first contact and a length, and the last contact.
-    fn residual(&self, a: &Vector, b: &Vector, first: &Vector, length: f64) -> ([f64; 3], Vector) {
-        let normal = self.normal(first);
-        let arriving = minus(first, a);
-        let direction = unit(&along(&arriving, -dot(&arriving, &normal), &normal));
-        let (last, leaving) = self.geodesic(*first, direction, length);
-        let (normal_last, rest) = (self.normal(&last), minus(b, &last));
-        let across = cross(&normal_last, &leaving);
-        ([-dot(&normal, &arriving), dot(&normal_last, &rest), dot(&across, &rest)], last)
+    /// Curvature along `t` and torsion (how the normal turns across it) at `x`.
+    fn curvature(&self, x: &Vector, t: &Vector, across: &Vector) -> (f64, f64) {
+        let turned = [0, 1, 2].map(|i| 2.0 * t[i] / (self.radii[i] * self.radii[i]));
+        let steep = norm(&self.gradient(x));
+        (dot(&turned, t) / steep, dot(&turned, across) / steep)
+    }
+
+    /// The trial with a first contact and a length; see the module.
+    fn trial(&self, a: &Vector, b: &Vector, first: Vector, length: f64) -> Trial {
+        let normal = self.normal(&first);
+        let arriving = minus(&first, a);
+        let way = unit(&along(&arriving, -dot(&arriving, &normal), &normal));
+        let geodesic = self.geodesic(first, way, length);
+        let (normal_last, rest) = (self.normal(&geodesic.end), minus(b, &geodesic.end));
+        let across = cross(&normal_last, &geodesic.way);
+        let residual = [-dot(&normal, &arriving), dot(&normal_last, &rest), dot(&across, &rest)];
+        Trial { first, length, way, geodesic, residual }
     }
 
     /// Solves the equations of the module by a damped Newton method.
-    fn taut(&self, a: &Vector, b: &Vector, first: Vector, length: f64) -> Option<(Vector, Vector, f64)> {
-        let (mut first, mut length) = (first, length);
-        let (mut residual, mut last) = self.residual(a, b, &first, length);
-        let scale = norm(&minus(a, &first)).max(norm(&minus(b, &last))).max(1e-3);
+    fn taut(&self, a: &Vector, b: &Vector, first: Vector, length: f64) -> Option<Contact> {
+        let mut now = self.trial(a, b, first, length);
+        let scale = norm(&minus(a, &now.first)).max(norm(&minus(b, &now.geodesic.end))).max(1e-3);
+        let done = |trial: &Trial| {
+            let Geodesic { end, spread, .. } = trial.geodesic;
+            (norm(&trial.residual) <= 1e-9 * scale)
+                .then_some(Contact { first: trial.first, last: end, length: trial.length, spread })
+        };
         for _ in 0..NEWTON {
-            if norm(&residual) <= TOLERANCE * scale {
-                return Some((first, last, length));
+            if norm(&now.residual) <= TOLERANCE * scale {
+                break;
             }
-            let (u, v) = tangents(&self.normal(&first));
-            let moved = |step: &Vector| {
-                let point = along(&along(&first, step[0], &u), step[1], &v);
-                (self.onto(&point), length + step[2])
-            };
-            let mut jacobian = [[0.0; 3]; 3];
-            for column in 0..3 {
-                let mut step = [0.0; 3];
-                step[column] = DIFFERENCE;
-                let (plus, plus_length) = moved(&step);
-                let (minus_point, minus_length) = moved(&step.map(|s| -s));
-                let up = self.residual(a, b, &plus, plus_length).0;
-                let down = self.residual(a, b, &minus_point, minus_length).0;
-                (0..3).for_each(|row| jacobian[row][column] = (up[row] - down[row]) / (2.0 * DIFFERENCE));
+            let [r1, r2, r3] = now.residual;
+            let (end, way_last) = (now.geodesic.end, now.geodesic.way);
+            let Spread { along: c, turned, bent, kept } = now.geodesic.spread;
+            let da = dot(&minus(&now.first, a), &now.way).max(1e-3 * scale);
+            let db = dot(&minus(b, &end), &way_last).max(1e-3 * scale);
+            let across = cross(&self.normal(&now.first), &now.way);
+            let across_last = cross(&self.normal(&end), &way_last);
+            let (bend, torsion) = self.curvature(&now.first, &now.way, &across);
+            let (bend_last, torsion_last) = self.curvature(&end, &way_last, &across_last);
+            let (y, m) = (da * c + turned, da * c + turned + db * (da * bent + kept));
+            let beta = r3 * da / m;
+            let sigma = (r1 - da * torsion * beta) / (da * bend);
+            let eta = -(r2 + db * torsion_last * y * beta / da) / (db * bend_last);
+            if !(beta.is_finite() && sigma.is_finite() && eta.is_finite()) {
+                return None;
             }
-            let step = solve(&jacobian, &residual.map(|r| -r))?;
             let mut share = 1.0;
             loop {
-                let (point, trial_length) = moved(&step.map(|s| s * share));
-                let (trial, trial_last) = self.residual(a, b, &point, trial_length);
-                if norm(&trial) < norm(&residual) {
-                    (first, length, residual, last) = (point, trial_length, trial, trial_last);
+                let point = along(&along(&now.first, share * sigma, &now.way), share * beta, &across);
+                let trial = self.trial(a, b, self.onto(&point), now.length + share * (eta - sigma));
+                if norm(&trial.residual) < norm(&now.residual) {
+                    now = trial;
                     break;
                 }
                 share *= 0.5;
                 if share < 1e-6 {
                     // As good as rounding lets it be, or not at all.
-                    return (norm(&residual) <= 1e-9 * scale).then_some((first, last, length));
+                    return done(&now);
                 }
             }
         }
-        (norm(&residual) <= 1e-9 * scale).then_some((first, last, length))
+        done(&now)
     }
 }
 
-/// Cramer's rule; `None` for a singular matrix.
-fn solve(matrix: &[[f64; 3]; 3], right: &Vector) -> Option<Vector> {
-    let column = |j: usize| [matrix[0][j], matrix[1][j], matrix[2][j]];
-    let (x, y, z) = (column(0), column(1), column(2));
-    let determinant = dot(&x, &cross(&y, &z));
-    let solution = [dot(right, &cross(&y, &z)), dot(&x, &cross(right, &z)), dot(&x, &cross(&y, right))];
-    Some(solution.map(|s| s / determinant)).filter(|s| s.iter().all(|x| x.is_finite()))
+/// Where a geodesic ends, in which direction, and how its neighbours spread.
+#[derive(Clone, Copy)]
+struct Geodesic {
+    end: Vector,
+    way: Vector,
+    spread: Spread,
+}
+
+struct Trial {
+    first: Vector,
+    length: f64,
+    /// In which the geodesic begins.
+    way: Vector,
+    geodesic: Geodesic,
+    residual: [f64; 3],
 }

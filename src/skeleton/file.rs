@@ -9,9 +9,10 @@ use serde::Deserialize;
 use super::frame::Frame;
 use super::path::{MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
-use super::{Body, Coordinate, Joint, Motion, Muscle, Skeleton};
+use super::{Abduction, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton};
 use crate::error::{Issue, Result, SourceFile, nearest};
-use crate::model::file::{finite, positive, unique};
+use crate::model::curves::ForceVelocity;
+use crate::model::file::{CurvesEntry, finite, positive, unique};
 
 type Checked<T> = std::result::Result<T, Issue>;
 
@@ -29,7 +30,83 @@ pub struct SkeletonFile {
     pub coordinate: Vec<CoordinateEntry>,
     #[serde(default)]
     pub surface: Vec<SurfaceEntry>,
+    #[serde(default)]
     pub muscle: Vec<MuscleEntry>,
+    /// Points of two bodies held together.
+    #[serde(default)]
+    pub held_point: Vec<HeldPointEntry>,
+    #[serde(default)]
+    pub force: Vec<ForceEntry>,
+    pub abduction: Option<AbductionEntry>,
+    /// m/s²
+    #[serde(default = "earth")]
+    pub gravity: [f64; 3],
+    #[serde(default)]
+    pub curves: CurvesEntry,
+    /// What muscles have that say nothing else.
+    #[serde(default)]
+    pub muscles: MusclesEntry,
+}
+
+fn earth() -> [f64; 3] {
+    [0.0, -9.81, 0.0]
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MusclesEntry {
+    /// s
+    pub activation_time: f64,
+    /// s
+    pub deactivation_time: f64,
+    /// Optimal fibre lengths a second.
+    pub max_shortening_velocity: f64,
+    /// Tendons of a slack length below this are rigid, m.
+    pub rigid_tendon_below: f64,
+}
+
+impl Default for MusclesEntry {
+    /// The thesis' times and velocity.
+    fn default() -> Self {
+        Self { activation_time: 0.12, deactivation_time: 0.12, max_shortening_velocity: 1.0, rigid_tendon_below: 0.0 }
+    }
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeldPointEntry {
+    pub name: String,
+    pub bodies: [String; 2],
+    /// One in the frame of each, m.
+    pub points: [[f64; 3]; 2],
+}
+
+/// Without `force`, the motion file has it over time, as `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ForceEntry {
+    pub name: String,
+    pub body: String,
+    #[serde(default)]
+    pub point: [f64; 3],
+    /// In the ground's axes, N.
+    pub force: Option<[f64; 3]>,
+    #[serde(default = "one")]
+    pub scale: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AbductionEntry {
+    pub body: String,
+    pub against: String,
+    /// In the axes of `against`.
+    pub axis: [f64; 3],
+    pub long_axis: [f64; 3],
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -40,6 +117,13 @@ pub struct BodyEntry {
     pub centre_of_mass: [f64; 3],
     /// xx, yy, zz, xy, xz, yz about the centre of mass.
     pub inertia: [f64; 6],
+    /// `free`, `given` (moves as the motion says), or `girdle` (as the study's `girdle` says).
+    #[serde(default = "free")]
+    pub role: Role,
+}
+
+fn free() -> Role {
+    Role::Free
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -90,6 +174,9 @@ pub struct CoordinateEntry {
     pub name: String,
     #[serde(default)]
     pub default: f64,
+    /// Stays at its default in a study.
+    #[serde(default)]
+    pub locked: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -141,6 +228,13 @@ pub struct MuscleEntry {
     pub tendon_slack_length: f64,
     #[serde(default)]
     pub pennation_angle: f64,
+    /// s
+    pub activation_time: Option<f64>,
+    /// s
+    pub deactivation_time: Option<f64>,
+    /// Optimal fibre lengths a second.
+    pub max_shortening_velocity: Option<f64>,
+    pub rigid_tendon: Option<bool>,
     pub path: Vec<PointEntry>,
     /// In the order in which the path meets them.
     #[serde(default)]
@@ -170,7 +264,11 @@ impl SkeletonFile {
         read.check().map_err(|issue| issue.in_file(file))
     }
 
-    fn check(&self) -> Checked<Skeleton> {
+    /// Checks what types cannot say.
+    ///
+    /// # Errors
+    /// The first [`Issue`], with the path of the value at fault.
+    pub fn check(&self) -> Checked<Skeleton> {
         if self.dimensions != 3 {
             let message = format!("found {}", self.dimensions);
             return Err(Issue::new(
@@ -187,6 +285,8 @@ impl SkeletonFile {
         unique("surface", surfaces.iter().copied())?;
         unique("joint", self.joint.iter().map(|joint| joint.name.as_str()))?;
         unique("muscle", self.muscle.iter().map(|muscle| muscle.name.as_str()))?;
+        unique("held_point", self.held_point.iter().map(|held| held.name.as_str()))?;
+        unique("force", self.force.iter().map(|force| force.name.as_str()))?;
         let names = Names { bodies, coordinates, surfaces };
 
         let checked_bodies = self.body.iter().map(BodyEntry::check).collect::<Checked<Vec<_>>>()?;
@@ -198,10 +298,18 @@ impl SkeletonFile {
             coordinates: self.coordinates(&joints)?,
             joints,
             surfaces: self.surface.iter().map(|surface| surface.check(&names)).collect::<Checked<Vec<_>>>()?,
+            held_points: self.held_point.iter().map(|held| held.check(&names)).collect::<Checked<Vec<_>>>()?,
+            forces: self.force.iter().map(|force| force.check(&names)).collect::<Checked<Vec<_>>>()?,
+            abduction: self.abduction.as_ref().map(|abduction| abduction.check(&names)).transpose()?,
+            gravity: self.gravity,
             muscles: Vec::new(),
         };
-        skeleton.muscles = self.muscle.iter().map(|muscle| muscle.check(&names)).collect::<Checked<Vec<_>>>()?;
+        finite(&["gravity"], &self.gravity)?;
+        let curve = self.curves.check()?;
+        let muscle = |muscle: &MuscleEntry| muscle.check(&names, &self.muscles, curve);
+        skeleton.muscles = self.muscle.iter().map(muscle).collect::<Checked<Vec<_>>>()?;
         skeleton.check_paths()?;
+        skeleton.check_roles()?;
         Ok(skeleton)
     }
 
@@ -227,7 +335,7 @@ impl SkeletonFile {
         }
         let coordinate = |(entry, kind): (&CoordinateEntry, Option<bool>)| match kind {
             Some(is_angle) if entry.default.is_finite() => {
-                Ok(Coordinate { name: entry.name.clone(), is_angle, default: entry.default })
+                Ok(Coordinate { name: entry.name.clone(), is_angle, default: entry.default, locked: entry.locked })
             }
             Some(_) => {
                 Err(Issue::new(&["coordinate", &entry.name, "default"], "it is not finite", "give a number (rad or m)"))
@@ -271,6 +379,44 @@ impl BodyEntry {
             mass: self.mass,
             centre_of_mass: self.centre_of_mass,
             inertia: self.inertia,
+            role: self.role,
+        })
+    }
+}
+
+impl HeldPointEntry {
+    fn check(&self, names: &Names<'_>) -> Checked<HeldPoint> {
+        finite(&["held_point", &self.name, "points"], self.points.as_flattened())?;
+        let body = |k: usize| find("body", &names.bodies, &self.bodies[k], &["held_point", &self.name, "bodies"]);
+        Ok(HeldPoint { name: self.name.clone(), bodies: [body(0)?, body(1)?], points: self.points })
+    }
+}
+
+impl ForceEntry {
+    fn check(&self, names: &Names<'_>) -> Checked<Force> {
+        finite(&["force", &self.name, "point"], &self.point)?;
+        finite(&["force", &self.name, "scale"], &[self.scale])?;
+        self.force.iter().try_for_each(|force| finite(&["force", &self.name, "force"], force))?;
+        let body = find("body", &names.bodies, &self.body, &["force", &self.name, "body"])?;
+        Ok(Force { name: self.name.clone(), body, point: self.point, force: self.force, scale: self.scale })
+    }
+}
+
+impl AbductionEntry {
+    fn check(&self, names: &Names<'_>) -> Checked<Abduction> {
+        let body = |name: &str, key: &str| find("body", &names.bodies, name, &["abduction", key]);
+        for (key, axis) in [("axis", &self.axis), ("long_axis", &self.long_axis)] {
+            let length = super::frame::norm(axis);
+            if !(length.is_finite() && length > 1e-9) {
+                let message = format!("the axis {axis:?} has no direction");
+                return Err(Issue::new(&["abduction", key], message, "give a direction"));
+            }
+        }
+        Ok(Abduction {
+            body: body(&self.body, "body")?,
+            against: body(&self.against, "against")?,
+            axis: super::frame::unit(&self.axis),
+            long_axis: super::frame::unit(&self.long_axis),
         })
     }
 }
@@ -425,7 +571,7 @@ impl SurfaceEntry {
 }
 
 impl MuscleEntry {
-    fn check(&self, names: &Names<'_>) -> Checked<Muscle> {
+    fn check(&self, names: &Names<'_>, defaults: &MusclesEntry, force_velocity: ForceVelocity) -> Checked<Muscle> {
         let place = |key: &'static str| ["muscle", self.name.as_str(), key];
         if self.path.len() < 2 {
             return Err(Issue::new(&place("path"), "fewer than two points", "a path has an origin and an insertion"));
@@ -452,6 +598,17 @@ impl MuscleEntry {
         }
         positive(&place("max_isometric_force"), self.max_isometric_force, "N")?;
         positive(&place("optimal_fibre_length"), self.optimal_fibre_length, "m")?;
+        let rigid_tendon = self.rigid_tendon.unwrap_or(self.tendon_slack_length < defaults.rigid_tendon_below);
+        if self.tendon_slack_length == 0.0 && !rigid_tendon {
+            let message = "a tendon of no length cannot stretch";
+            let help = "set rigid_tendon = true, or rigid_tendon_below in [muscles]";
+            return Err(Issue::new(&place("tendon_slack_length"), message, help));
+        }
+        let number = |key: &'static str, own: Option<f64>, default: f64, unit: &str| {
+            let value = own.unwrap_or(default);
+            let place = if own.is_some() { place(key) } else { ["muscles", key, ""] };
+            positive(place.as_slice().strip_suffix(&[""]).unwrap_or(&place), value, unit).map(|()| value)
+        };
         let surface = |entry: &ObstacleEntry| {
             let (name, part) = match entry {
                 ObstacleEntry::Any(name) => (name, None),
@@ -473,6 +630,16 @@ impl MuscleEntry {
             optimal_fibre_length: self.optimal_fibre_length,
             tendon_slack_length: self.tendon_slack_length,
             pennation_angle: self.pennation_angle,
+            activation_time: number("activation_time", self.activation_time, defaults.activation_time, "s")?,
+            deactivation_time: number("deactivation_time", self.deactivation_time, defaults.deactivation_time, "s")?,
+            max_shortening_velocity: number(
+                "max_shortening_velocity",
+                self.max_shortening_velocity,
+                defaults.max_shortening_velocity,
+                "optimal fibre lengths a second",
+            )?,
+            rigid_tendon,
+            force_velocity,
             path: MusclePath {
                 points: self.path.iter().map(point).collect::<Checked<Vec<_>>>()?,
                 surfaces: self.surfaces.iter().map(surface).collect::<Checked<Vec<_>>>()?,
@@ -482,6 +649,20 @@ impl MuscleEntry {
 }
 
 impl Skeleton {
+    /// A body whose motion is given cannot hang on one that moves by forces.
+    fn check_roles(&self) -> Checked<()> {
+        for joint in &self.joints {
+            let Some(parent) = joint.parent else { continue };
+            let (parent, child) = (&self.bodies[parent], &self.bodies[joint.child]);
+            if child.role == Role::Given && parent.role != Role::Given {
+                let message = format!("its motion is given, and `{}`, which it hangs on, moves by forces", parent.name);
+                let help = "give that one the role \"given\" too, or leave the role of this one away";
+                return Err(Issue::new(&["body", &child.name, "role"], message, help));
+            }
+        }
+        Ok(())
+    }
+
     /// A point of a path inside one of its own surfaces, on the same body, can never get around it.
     fn check_paths(&self) -> Checked<()> {
         for muscle in &self.muscles {

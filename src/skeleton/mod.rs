@@ -9,6 +9,7 @@ pub mod frame;
 pub mod path;
 pub mod surface;
 
+use crate::model::curves::ForceVelocity;
 use crate::numerics::Scalar;
 use frame::Frame;
 use path::MusclePath;
@@ -22,8 +23,69 @@ pub struct Skeleton {
     /// In an order in which each parent comes before its child.
     pub joints: Vec<Joint>,
     pub coordinates: Vec<Coordinate>,
+    /// Points of two bodies held together, beside the joints.
+    pub held_points: Vec<HeldPoint>,
     pub surfaces: Vec<Surface>,
     pub muscles: Vec<Muscle>,
+    pub forces: Vec<Force>,
+    /// Gravitational acceleration, m/s².
+    pub gravity: [f64; 3],
+    /// What an abduction added to the motion turns.
+    pub abduction: Option<Abduction>,
+}
+
+/// How a body moves in a study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// By forces.
+    Free,
+    /// As the motion file says.
+    Given,
+    /// By the study's variant of the girdle.
+    Girdle,
+}
+
+/// Variants of the shoulder girdle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Girdle {
+    /// Stays as it is at the start of the motion.
+    Fixed,
+    /// Moves as the motion file says.
+    Prescribed,
+    /// Moves by forces.
+    Equilibrium,
+}
+
+/// A point of each of two bodies (in their frames, m) that are one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeldPoint {
+    pub name: String,
+    pub bodies: [usize; 2],
+    pub points: [[f64; 3]; 2],
+}
+
+/// An external force on a point of a body, in the ground's axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Force {
+    pub name: String,
+    pub body: usize,
+    /// In the body's frame, m.
+    pub point: [f64; 3],
+    /// Constant, N; from the motion file if `None`.
+    pub force: Option<[f64; 3]>,
+    pub scale: f64,
+}
+
+/// A rotation of a body, and all that hangs on it, about its joint and an axis of another body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Abduction {
+    pub body: usize,
+    pub against: usize,
+    /// In the axes of `against`.
+    pub axis: [f64; 3],
+    /// Long axis of the body, in its own axes; its angle about `axis` is that which is reported.
+    pub long_axis: [f64; 3],
 }
 
 /// A rigid body.
@@ -36,6 +98,7 @@ pub struct Body {
     pub centre_of_mass: [f64; 3],
     /// About the centre of mass: xx, yy, zz, xy, xz, yz, kg m².
     pub inertia: [f64; 6],
+    pub role: Role,
 }
 
 /// A joint coordinate.
@@ -45,6 +108,8 @@ pub struct Coordinate {
     /// rad if true, m if not
     pub is_angle: bool,
     pub default: f64,
+    /// Stays at its default in a study.
+    pub locked: bool,
 }
 
 /// A joint: frame in the parent, motion, frame in the child.
@@ -89,12 +154,30 @@ pub struct Muscle {
     pub tendon_slack_length: f64,
     /// rad
     pub pennation_angle: f64,
+    /// s
+    pub activation_time: f64,
+    /// s
+    pub deactivation_time: f64,
+    /// Optimal fibre lengths a second.
+    pub max_shortening_velocity: f64,
+    /// The tendon does not stretch.
+    pub rigid_tendon: bool,
+    pub force_velocity: ForceVelocity,
     pub path: MusclePath,
 }
 
 impl Motion {
+    /// Indices of the coordinates.
+    pub fn coordinates(&self) -> Vec<usize> {
+        match self {
+            Motion::Weld => Vec::new(),
+            Motion::Axes { translations, rotations } => translations.iter().chain(rotations).map(|(c, _)| *c).collect(),
+            Motion::Ellipsoid { coordinates, .. } => coordinates.to_vec(),
+        }
+    }
+
     /// The child's joint frame in the parent's.
-    fn frame<T: Scalar>(&self, q: &[T]) -> Frame<T> {
+    pub fn frame<T: Scalar>(&self, q: &[T]) -> Frame<T> {
         match self {
             Motion::Weld => Frame::identity(),
             Motion::Axes { translations, rotations } => {
@@ -133,6 +216,23 @@ impl Skeleton {
     /// Default values of all coordinates.
     pub fn default_pose(&self) -> Vec<f64> {
         self.coordinates.iter().map(|coordinate| coordinate.default).collect()
+    }
+
+    /// Whether a joint holds still in a study: a weld, or one of locked coordinates only.
+    pub fn is_locked(&self, joint: &Joint) -> bool {
+        joint.motion.coordinates().iter().all(|&c| self.coordinates[c].locked)
+    }
+
+    /// The joint that has a coordinate as the second of three rotations, the first two about axes at right angles.
+    pub fn elevation_joint(&self, coordinate: usize) -> Option<&Joint> {
+        self.joints.iter().find(|joint| match &joint.motion {
+            Motion::Axes { rotations, .. } => {
+                rotations.len() == 3
+                    && rotations[1].0 == coordinate
+                    && frame::dot(&frame::unit(&rotations[0].1), &frame::unit(&rotations[1].1)).abs() < 1e-6
+            }
+            _ => false,
+        })
     }
 
     pub fn coordinate(&self, name: &str) -> Option<usize> {

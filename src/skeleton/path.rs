@@ -11,7 +11,7 @@ use num_dual::Dual64;
 
 use super::Skeleton;
 use super::frame::{Frame, Vector, minus, norm, unit};
-use super::surface::Contact;
+use super::surface::{Contact, Shape};
 use crate::numerics::Scalar;
 
 /// A muscle's way: points, and surfaces that may come between any two of them.
@@ -82,7 +82,10 @@ impl MusclePath {
             let (a, b) = (at(&ends[0]), at(&ends[1]));
             let met = self.surfaces.iter().filter(|obstacle| obstacle.part.is_none_or(|own| own == part));
             let surfaces: Vec<usize> = met.map(|obstacle| obstacle.surface).collect();
-            let contacts = contacts(skeleton, frames, &surfaces, &a, &b);
+            let places: Vec<(Frame<f64>, &Shape)> = (surfaces.iter().map(|&s| &skeleton.surfaces[s]))
+                .map(|surface| (frames[surface.body] * surface.frame, &surface.shape))
+                .collect();
+            let contacts = contacts(&places, &a, &b);
             let (mut from, mut place) = (Corner::Point(&ends[0]), a);
             for (&surface, contact) in surfaces.iter().zip(&contacts) {
                 let Some(contact) = contact else { continue };
@@ -100,28 +103,19 @@ impl MusclePath {
     }
 }
 
-/// Contacts with all surfaces between two points, in the ground's frame: each surface between those it lies between, again
-/// and again until nothing moves.
-fn contacts(
-    skeleton: &Skeleton,
-    frames: &[Frame<f64>],
-    surfaces: &[usize],
-    a: &Vector,
-    b: &Vector,
-) -> Vec<Option<Contact>> {
-    let places: Vec<Frame<f64>> =
-        (surfaces.iter()).map(|&s| frames[skeleton.surfaces[s].body] * skeleton.surfaces[s].frame).collect();
+/// Contacts with all surfaces between two points, in the ground's frame, from where each surface is: each between those it
+/// lies between, again and again until nothing moves.
+pub fn contacts(places: &[(Frame<f64>, &Shape)], a: &Vector, b: &Vector) -> Vec<Option<Contact>> {
     let mut contacts: Vec<Option<Contact>> = vec![None; places.len()];
     for _ in 0..ROUNDS {
         let mut moved = 0.0f64;
-        for k in 0..places.len() {
+        for (k, (place, shape)) in places.iter().enumerate() {
             let before = contacts[..k].iter().rev().flatten().next().map_or(*a, |contact| contact.last);
             let after = contacts[k + 1..].iter().flatten().next().map_or(*b, |contact| contact.first);
-            let inside = places[k].inverse();
-            let shape = &skeleton.surfaces[surfaces[k]].shape;
+            let inside = place.inverse();
             let found = shape.contact(&inside.point(&before), &inside.point(&after)).map(|contact| Contact {
-                first: places[k].point(&contact.first),
-                last: places[k].point(&contact.last),
+                first: place.point(&contact.first),
+                last: place.point(&contact.last),
                 ..contact
             });
             let apart = |old: &Contact, new: &Contact| {

@@ -2,10 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::settings::{Complaint, Value, describe};
-use crate::error::nearest;
+use std::sync::Arc;
+
+use super::settings::{Complaint, Girdle, Value, describe};
+use crate::error::{Issue, nearest};
 use crate::model::Model;
 use crate::model::file::ModelFile;
+use crate::skeleton::file::SkeletonFile;
 
 /// One change of a model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,7 +17,9 @@ pub struct ModelChange {
     pub value: f64,
 }
 
-pub const GROUPS: [&str; 6] = ["body", "joint", "muscle", "force", "gravity", "curves"];
+pub const GROUPS: [&str; 11] = [
+    "body", "joint", "muscle", "muscles", "force", "gravity", "curves", "surface", "coordinate", "held_point", "abduction",
+];
 
 /// Whether a name of a study addresses the model and not a setting.
 pub fn is_model_path(name: &str) -> bool {
@@ -120,6 +125,13 @@ impl ModelChange {
         if let ["force", name] = keys[..]
             && let Some(name) = name.strip_suffix("_scale")
         {
+            // One that the motion has over time is scaled by its own factor.
+            let place = table.get("force").and_then(|forces| child(forces, name));
+            if place.is_some_and(|force| force.get("force").is_none()) {
+                let scale = place.and_then(|force| force.get("scale")).and_then(Value::of).and_then(|v| v.number());
+                let path = format!("force.{name}.scale");
+                return Self { path, value: self.value * scale.unwrap_or(1.0) }.apply(table);
+            }
             for key in ["force", "moment"] {
                 let change = Self { path: format!("force.{name}.{key}_scale"), value: self.value };
                 match change.apply(table) {
@@ -227,13 +239,19 @@ fn scale(value: &mut toml::Value, factor: f64) -> Option<()> {
 ///
 /// # Errors
 /// The first change that leads nowhere, or what is wrong with the changed model.
-pub fn changed_model(table: &toml::Table, changes: &[ModelChange]) -> Result<Model, Complaint> {
+pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdle) -> Result<Model, Complaint> {
     let mut table = table.clone();
     for change in changes {
         change.apply(&mut table)?;
     }
-    let file: ModelFile = table.try_into().map_err(|e: toml::de::Error| {
-        Complaint::new(e.message().to_owned(), "check the path against the model file")
-    })?;
-    file.check().map_err(|i| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default()))
+    let no_file =
+        |e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file");
+    let wrong =
+        |i: Issue| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
+    if SkeletonFile::is_one(&table) {
+        let file: SkeletonFile = table.try_into().map_err(no_file)?;
+        return Ok(Model::of_skeleton(Arc::new(file.check().map_err(wrong)?), girdle.into()));
+    }
+    let file: ModelFile = table.try_into().map_err(no_file)?;
+    file.check().map_err(wrong)
 }

@@ -12,9 +12,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::{Issue, Result, SourceFile};
-use crate::model::Model;
 use crate::model::file::ModelFile;
+use crate::model::{Mechanics, Model};
 use crate::motion::MotionTable;
+use crate::skeleton::Role;
 use crate::skeleton::file::SkeletonFile;
 use change::{ModelChange, changed_model};
 use file::{OnFailure, OneOrMany, Ratio};
@@ -73,8 +74,7 @@ impl Study {
     /// The first mistake, with its place in the file it is in.
     pub fn load(path: &Path) -> Result<Self> {
         let (sources, file) = Sources::read(path)?;
-        refuse_spatial(&sources.model)?;
-        let (model_table, model) = ModelFile::load(&sources.model)?;
+        let (model_table, model) = load_model(&sources.model)?;
         let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
         check_coverage(&model, &motion, &sources.motion)?;
         let fail = |issue: Issue| issue.in_file(&sources.study);
@@ -86,6 +86,8 @@ impl Study {
         let motion_hash = blake3::hash(sources.motion.text.as_bytes()).to_hex().to_string();
         let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
         plan.check_models(&jobs).map_err(fail)?;
+        plan.check_schemes(&model, &jobs).map_err(fail)?;
+        check_held_points(&model, &motion, &plan.base, &sources.motion)?;
         let total: usize = plan.sweeps.iter().map(|sweep| sweep.points.len()).sum();
         let (axes, base) = (plan.axes.keys().map(ToString::to_string).collect(), plan.base);
         Ok(Self {
@@ -111,7 +113,7 @@ impl Study {
     /// # Errors
     /// If the changes together make no model (a swept value was checked alone where a study has very many models).
     pub fn model_of(&self, job: &Job) -> std::result::Result<Model, Complaint> {
-        changed_model(&self.model_table, &job.changes)
+        changed_model(&self.model_table, &job.changes, job.settings.girdle)
     }
 
     /// The number of the model file at a path.
@@ -198,32 +200,32 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
     Ok(resolved)
 }
 
-/// Spatial models have paths and moment arms so far, and no equations.
-fn refuse_spatial(file: &SourceFile) -> Result<()> {
+/// The model file's table and the checked model, planar or spatial.
+fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
     match toml::from_str::<toml::Table>(&file.text) {
         Ok(table) if SkeletonFile::is_one(&table) => {
-            let help = "take a planar model; `sinew moment-arms` takes this one";
-            let message = format!("{}: studies cannot solve spatial models yet", file.path.display());
-            Err(file.error(
-                file.toml_span(&["dimensions".to_owned()]),
-                message,
-                "a spatial model",
-                Some(help.to_owned()),
-            ))
+            let skeleton = Arc::new(SkeletonFile::load(file)?);
+            Ok((table, Model::of_skeleton(skeleton, crate::skeleton::Girdle::Prescribed)))
         }
-        _ => Ok(()),
+        _ => ModelFile::load(file),
     }
 }
 
-/// Every joint coordinate must be measured, unless loops leave some of them to the others.
+/// Every joint coordinate must be measured, unless loops leave some of them to the others. In space those of bodies that move by forces
+/// must be; the others stay at their default.
 fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Result<()> {
-    let closed_loops = model.joints.len() > model.bodies.len();
-    let missing: Vec<&str> = model
-        .joint_coordinates()
-        .map(|(_, name)| name)
-        .filter(|name| !motion.columns.iter().any(|(column, _)| column == name))
-        .collect();
-    if missing.is_empty() || closed_loops {
+    let needed: Vec<&str> = match &model.mechanics {
+        Mechanics::Planar(planar) if planar.joints.len() > planar.bodies.len() => return Ok(()),
+        Mechanics::Planar(planar) => planar.joint_coordinates().map(|(_, name)| name).collect(),
+        Mechanics::Spatial(spatial) => {
+            let skeleton = &spatial.skeleton;
+            let free = skeleton.joints.iter().filter(|joint| skeleton.bodies[joint.child].role == Role::Free);
+            let coordinates = free.flat_map(|joint| joint.motion.coordinates()).map(|c| &skeleton.coordinates[c]);
+            coordinates.filter(|c| !c.locked).map(|c| c.name.as_str()).collect()
+        }
+    };
+    let missing: Vec<&str> = needed.into_iter().filter(|name| motion.column(name).is_none()).collect();
+    if missing.is_empty() {
         return Ok(());
     }
     Err(file.error(
@@ -232,6 +234,31 @@ fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Res
         "",
         Some(format!("the model `{}` needs each of its joint coordinates over time", model.name)),
     ))
+}
+
+/// A motion further than this from holding two points together leaves the model's constraints, m.
+const LARGEST_GAP: f64 = 5e-3;
+
+/// The motion must keep points together that the model holds together, but for what measuring errors explain.
+fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file: &SourceFile) -> Result<()> {
+    let Some(spatial) = model.spatial() else { return Ok(()) };
+    // As the file says: the study's changes of single coordinates are its own affair.
+    let plain = Settings { motion: Vec::new(), time_scale: 1.0, ..base.clone() };
+    let measured = crate::solve::motion_settings(&plain).joint_motion(motion, spatial);
+    for &time in &motion.time {
+        let Some((gap, name)) = measured.gap(time - motion.start()).filter(|(gap, _)| *gap > LARGEST_GAP) else { continue };
+        let help = format!(
+            "change the coordinates of the two bodies so that their points meet (to {} mm); the solver holds them together",
+            1e3 * LARGEST_GAP
+        );
+        return Err(file.error(
+            None,
+            format!("{}: at time {time} s the points of `{name}` are {:.1} mm apart", file.path.display(), 1e3 * gap),
+            "",
+            Some(help),
+        ));
+    }
+    Ok(())
 }
 
 /// Hash of a table's content, not of its layout or comments.

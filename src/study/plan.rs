@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
-use super::settings::{Complaint, Settings, Value, WarmStart};
+use super::settings::{Complaint, Girdle, Scheme, Settings, Value, WarmStart};
 use super::sweep::{self, Expansion, Place, Point};
 use super::{Job, SCHEMA_VERSION};
 use crate::error::Issue;
@@ -58,7 +58,7 @@ impl<'m> Plan<'m> {
     /// Reads base and sweeps.
     pub fn new(file: &StudyFile, model: &Model, model_table: &'m toml::Table) -> std::result::Result<Self, Issue> {
         let coordinates =
-            model.joint_coordinates().map(|(joint, name)| (name.to_owned(), joint.kind.is_angular())).collect();
+            model.motion_coordinates().into_iter().map(|(name, is_angle)| (name.to_owned(), is_angle)).collect();
         let mut plan = Plan {
             base: Settings::default(),
             base_changes: Vec::new(),
@@ -79,7 +79,7 @@ impl<'m> Plan<'m> {
             plan.assign(&mut base, &mut changes, &name, &value).map_err(|c| complaint_at(place(), c))?;
             (plan.base, plan.base_changes) = (base, changes);
         }
-        changed_model(model_table, &plan.base_changes)
+        changed_model(model_table, &plan.base_changes, plan.base.girdle)
             .map_err(|c| complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c))?;
 
         let single = [Sweep::default()];
@@ -281,10 +281,29 @@ impl<'m> Plan<'m> {
         let mut before: Option<&[ModelChange]> = None;
         for job in changed.into_iter().step_by(stride) {
             if before != Some(&job.changes[..]) {
-                changed_model(self.model_table, &job.changes)
+                changed_model(self.model_table, &job.changes, job.settings.girdle)
                     .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
             }
             before = Some(&job.changes);
+        }
+        Ok(())
+    }
+
+    /// Spatial models need the scheme with velocities of its own; a girdle is only theirs.
+    pub fn check_schemes(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
+        let spatial = model.spatial().is_some();
+        for job in jobs {
+            if spatial && job.settings.scheme == Scheme::Midpoint {
+                let complaint = Complaint::new(
+                    "found \"midpoint\" for a spatial model",
+                    "set scheme = \"radau\" (the default): the midpoint rule is the thesis', for planar models",
+                );
+                return Err(complaint_at(self.place("scheme"), complaint));
+            }
+            if !spatial && job.settings.girdle != Girdle::Prescribed {
+                let help = "only spatial models have a girdle: remove the key";
+                return Err(complaint_at(self.place("girdle"), Complaint::new("the model is planar", help)));
+            }
         }
         Ok(())
     }
@@ -299,7 +318,7 @@ impl<'m> Plan<'m> {
 
     /// The path of the first change without which the ones before it still make a model.
     fn culprit(&self, changes: &[ModelChange]) -> String {
-        let first = (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n]).is_err());
+        let first = (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n], self.base.girdle).is_err());
         first.map_or_else(String::new, |n| changes[n - 1].path.clone())
     }
 }

@@ -147,6 +147,28 @@ choices! {
 }
 
 choices! {
+    /// The shoulder girdle of a spatial model.
+    Girdle {
+        /// Stays as it is at the start of the motion.
+        Fixed = "fixed",
+        /// Moves as the motion file says.
+        Prescribed = "prescribed",
+        /// Moves by forces, its muscles acting on it.
+        Equilibrium = "equilibrium",
+    }
+}
+
+impl From<Girdle> for crate::skeleton::Girdle {
+    fn from(girdle: Girdle) -> Self {
+        match girdle {
+            Girdle::Fixed => Self::Fixed,
+            Girdle::Prescribed => Self::Prescribed,
+            Girdle::Equilibrium => Self::Equilibrium,
+        }
+    }
+}
+
+choices! {
     /// When ranks are taken.
     RegularityMode {
         EveryIteration = "every_iteration",
@@ -195,6 +217,9 @@ pub struct Settings {
     pub stages: usize,
     pub initial: Initial,
     pub bounds: Bounds,
+    /// Of a spatial model.
+    #[serde(skip_serializing_if = "is_prescribed")]
+    pub girdle: Girdle,
     pub load_sharing_grid: LoadSharingGrid,
     /// Measured instants per interval; null for twice the collocation points per interval.
     #[schemars(range(min = 1, max = 1000))]
@@ -230,6 +255,11 @@ pub struct Settings {
     pub motion: Vec<(String, f64, f64)>,
 }
 
+/// The default is no part of a job's identity, which planar models would otherwise have to change.
+fn is_prescribed(girdle: &Girdle) -> bool {
+    *girdle == Girdle::Prescribed
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -239,6 +269,7 @@ impl Default for Settings {
             stages: 1,
             initial: Initial::Equilibrium,
             bounds: Bounds::Both,
+            girdle: Girdle::Prescribed,
             load_sharing_grid: LoadSharingGrid::Measurement,
             measurement_ratio: None,
             noise_sd: 0.0,
@@ -271,6 +302,7 @@ pub const NAMES: &[&str] = &[
     "stages",
     "initial",
     "bounds",
+    "girdle",
     "load_sharing_grid",
     "measurement_ratio",
     "noise_sd",
@@ -298,6 +330,7 @@ impl Settings {
             "scheme" => self.scheme = choice(value, Scheme::ALL, Scheme::parse)?,
             "stages" => self.stages = integer(value, 1..=3)? as usize,
             "initial" => self.initial = choice(value, Initial::ALL, Initial::parse)?,
+            "girdle" => self.girdle = choice(value, Girdle::ALL, Girdle::parse)?,
             "bounds" => self.bounds = choice(value, Bounds::ALL, Bounds::parse)?,
             "load_sharing_grid" => {
                 self.load_sharing_grid = choice(value, LoadSharingGrid::ALL, LoadSharingGrid::parse)?;

@@ -358,7 +358,7 @@ impl Problem for Collocation<'_> {
         let mut residual = vec![0.0; self.instant.equations()];
         for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
             let z = self.local(point, x);
-            self.instant.residual(&z, &mut residual);
+            self.instant.residual(self.layout.times[point], &z, &mut residual);
             rows.iter().enumerate().for_each(|(k, &row)| equalities[self.row_starts[point] + k] = residual[row]);
             for row in self.bound_starts[point]..self.bound_starts[point + 1] {
                 inequalities[row] = self.slack(&self.bounds[row], &z);
@@ -375,9 +375,9 @@ impl Problem for Collocation<'_> {
         let [_, contraction, activation] = self.instant.row_starts();
         for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
             let z = self.local(point, x);
-            self.instant.residual(&z, &mut residual);
+            self.instant.residual(self.layout.times[point], &z, &mut residual);
             for m in 0..activation - contraction {
-                residual[contraction + m] = self.instant.printed_contraction_residual(&z, m);
+                residual[contraction + m] = self.instant.printed_contraction_residual(self.layout.times[point], &z, m);
             }
             worst = rows.iter().map(|&row| residual[row].abs()).fold(worst, larger);
         }
@@ -398,7 +398,7 @@ impl Problem for Collocation<'_> {
         let mut local = vec![0.0; rows * nz];
         let mut force = vec![[0.0; 3]; self.instant.model.muscles.len()];
         for point in 0..self.layout.points.len() {
-            self.instant.jacobian(&self.local(point, x), &mut local, &mut force);
+            self.instant.jacobian(self.layout.times[point], &self.local(point, x), &mut local, &mut force);
             for &(entry, slot, weight) in &self.jacobian_scatter[point] {
                 equalities.values[slot as usize] += weight * local[entry as usize];
             }
@@ -425,7 +425,8 @@ impl Problem for Collocation<'_> {
             let start = self.row_starts[point];
             rows.iter().enumerate().for_each(|(k, &row)| equations[row] = multipliers.equalities[start + k]);
             let z = self.local(point, x);
-            self.instant.hessian(&z, InstantMultipliers { equations: &equations, force: &force }, &mut local);
+            let multipliers = InstantMultipliers { equations: &equations, force: &force };
+            self.instant.hessian(self.layout.times[point], &z, multipliers, &mut local);
             if curvature == Curvature::Convex {
                 self.instant.convexify(&mut local);
             }

@@ -38,12 +38,14 @@
 //! the force is positive that is an invertible row operation, so ranks are the same, and the stiff tendon no longer
 //! spoils the conditioning.
 
+use std::sync::Arc;
+
 use nalgebra::DMatrix;
 use num_dual::Dual64;
 
 use crate::model::Model;
-use crate::model::curves::{tendon_force, tendon_strain};
-use crate::model::path::PathLength;
+use crate::model::mechanics::{Level, Motion};
+use crate::motion::Surroundings;
 
 /// Places of one muscle's local variables, from [`Instant::muscle`] on.
 pub const ACTIVATION: usize = 0;
@@ -72,10 +74,18 @@ pub struct Instant<'m> {
     nm: usize,
     /// W, N
     weight: f64,
-    /// Diagonal of M/W.
-    mass: Vec<f64>,
     /// F_o/W
     strength: Vec<f64>,
+    /// Coordinates of each joint constraint that are unknowns.
+    constraint_slots: Vec<Vec<usize>>,
+    surroundings: Arc<Surroundings>,
+}
+
+/// Coordinates and velocities of all bodies, those of given motion last, and the external forces.
+struct Around {
+    q: Vec<f64>,
+    velocity: Vec<f64>,
+    loads: Vec<[f64; 3]>,
 }
 
 /// Multipliers of the equations at one instant, and of the conditions `f_m ≥ 0` (empty where not imposed).
@@ -95,8 +105,48 @@ impl<'m> Instant<'m> {
             nc: model.constraints(),
             nm: model.muscles.len(),
             weight,
-            mass: model.mass_diagonal().into_iter().map(|m| m / weight).collect(),
             strength: model.muscles.iter().map(|m| m.max_isometric_force / weight).collect(),
+            constraint_slots: model.mechanics.constraint_slots(),
+            surroundings: Arc::new(Surroundings::constant(model)),
+        }
+    }
+
+    /// The same with external forces and given bodies that move.
+    pub fn within(self, surroundings: Arc<Surroundings>) -> Self {
+        Self { surroundings, ..self }
+    }
+
+    pub fn surroundings(&self) -> &Arc<Surroundings> {
+        &self.surroundings
+    }
+
+    fn around(&self, t: f64, z: &[f64]) -> Around {
+        let (mut q, mut velocity) = (z[..self.nq].to_vec(), Vec::new());
+        if self.form == Form::Stabilised {
+            velocity.extend_from_slice(&z[self.velocity(0)..self.velocity(0) + self.nq]);
+        }
+        let (given, rates) = self.surroundings.given(t);
+        q.extend(given);
+        velocity.extend(rates);
+        Around { q, velocity, loads: self.surroundings.loads(t) }
+    }
+
+    /// All coordinates at z, those of given motion last.
+    pub fn coordinates(&self, t: f64, z: &[f64]) -> Vec<f64> {
+        self.around(t, z).q
+    }
+
+    fn motion<'a>(&self, around: &'a Around, z: &'a [f64]) -> Motion<'a> {
+        let acceleration = &z[self.nq..2 * self.nq];
+        Motion { q: &around.q, velocity: &around.velocity, acceleration }
+    }
+
+    /// The local variable of a body coordinate, its velocity or acceleration.
+    fn place(&self, (level, i): (Level, usize)) -> usize {
+        match level {
+            Level::Coordinate => i,
+            Level::Velocity => self.velocity(i),
+            Level::Acceleration => self.acceleration(i),
         }
     }
 
@@ -164,144 +214,124 @@ impl<'m> Instant<'m> {
         force.gradient.iter().zip(&dz[at..at + 3]).map(|(g, d)| g * d).sum()
     }
 
-    /// The tendon strain of a muscle, and its slope over the local variables that it depends on.
-    pub fn tendon_strain(&self, z: &[f64], muscle: usize) -> (f64, Vec<(usize, f64)>) {
+    /// The derivative of eq. (3) of a muscle by its tendon's slack length, 1/m, and how that changes with the local variables.
+    pub fn slope_by_slack(&self, t: f64, z: &[f64], muscle: usize) -> (f64, Vec<(usize, f64)>) {
         let at = self.muscle(muscle) + LENGTH;
         let muscle = &self.model.muscles[muscle];
+        if muscle.rigid_tendon {
+            return (-1.0 / muscle.length_unit(), Vec::new());
+        }
+        // (L_mt − l L_o cos θ)/L_s has the derivative −1/L_s times itself.
+        let slack = muscle.tendon_slack_length;
         let mut path = muscle.path.buffer();
-        muscle.path.length(&z[..self.nq], false, &mut path);
-        let mut slopes: Vec<(usize, f64)> = (muscle.path.slots.iter().zip(&path.gradient))
-            .map(|(&slot, gradient)| (slot, gradient / muscle.tendon_slack_length))
-            .collect();
-        slopes.push((at, -muscle.fibre_along_tendon() / muscle.tendon_slack_length));
-        (muscle.tendon_strain(path.value, z[at]), slopes)
+        muscle.path.length(&self.coordinates(t, z), false, &mut path);
+        let square = slack * slack;
+        let slots = muscle.path.slots().iter().zip(&path.gradient);
+        let mut mixed: Vec<(usize, f64)> = slots.map(|(&slot, gradient)| (slot, -gradient / square)).collect();
+        mixed.push((at, muscle.fibre_along_tendon() / square));
+        (-(muscle.tendon_strain(path.value, z[at]) + 1.0) / slack, mixed)
     }
 
-    /// The residuals of all equations; see the module's table.
-    pub fn residual(&self, z: &[f64], out: &mut [f64]) {
-        let q = &z[..self.nq];
+    /// The residuals of all equations at time t (s); see the module's table.
+    pub fn residual(&self, t: f64, z: &[f64], out: &mut [f64]) {
+        let nq = self.nq;
+        let around = self.around(t, z);
         let [constraint_row, contraction_row, activation_row] = self.row_starts();
-        for i in 0..self.nq {
-            out[i] = self.mass[i] * z[self.acceleration(i)];
-        }
-        self.subtract_loads(q, out);
+        self.model.mechanics.force(self.motion(&around, z), &around.loads, out);
+        out[..nq].iter_mut().for_each(|force| *force /= self.weight);
         let stabilised = self.form == Form::Stabilised;
         let [kinematic_row, velocity_row] = self.stabilised_row_starts();
         if stabilised {
-            for i in 0..self.nq {
+            for i in 0..nq {
                 out[kinematic_row + i] = z[self.rate(i)] - z[self.velocity(i)];
             }
         }
-        let mut row = 0;
-        for joint in &self.model.joints {
-            let slots = joint.slots();
-            for function in joint.constraints(q) {
-                out[constraint_row + row] = function.value;
-                let reaction = z[self.reaction(row)];
-                if stabilised {
-                    out[velocity_row + row] = 0.0;
+        self.model.mechanics.constraint_functions(&around.q, |row, slots, value, gradient, _| {
+            out[constraint_row + row] = value;
+            let reaction = z[self.reaction(row)];
+            if stabilised {
+                out[velocity_row + row] = 0.0;
+            }
+            for (&coordinate, gradient) in slots.iter().zip(gradient) {
+                if stabilised && coordinate < around.velocity.len() {
+                    out[velocity_row + row] += around.velocity[coordinate] * gradient;
                 }
-                for (slot, gradient) in slots.iter().zip(function.gradient) {
-                    let Some(coordinate) = *slot else { continue };
+                if coordinate < nq {
                     out[coordinate] += reaction * gradient;
                     if stabilised {
                         out[kinematic_row + coordinate] -= z[self.stabiliser(row)] * gradient;
-                        out[velocity_row + row] += z[self.velocity(coordinate)] * gradient;
                     }
                 }
-                row += 1;
             }
-        }
+        });
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
             let (a, l, v, rate, u) =
                 (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
             let mut path = muscle.path.buffer();
-            muscle.path.length(q, false, &mut path);
+            muscle.path.length(&around.q, false, &mut path);
             let force = muscle.fibre_force(a, l, v).value;
-            for (slot, gradient) in muscle.path.slots.iter().zip(&path.gradient) {
+            for (slot, gradient) in muscle.path.slots().iter().zip(&path.gradient) {
                 out[*slot] += self.strength[m] * force * gradient;
             }
-            out[contraction_row + m] = muscle.tendon_strain(path.value, l) - tendon_strain(force).value;
+            out[contraction_row + m] = muscle.contraction(path.value, l, force).value;
             let time = muscle.activation_time.max(muscle.deactivation_time);
             out[activation_row + m] = time * muscle.activation_residual(a, rate, u).value;
         }
     }
 
-    /// Subtracts g_ext/W: gravity and the constant external forces.
-    fn subtract_loads(&self, q: &[f64], out: &mut [f64]) {
-        for (b, body) in self.model.bodies.iter().enumerate() {
-            for axis in 0..2 {
-                out[3 * b + axis] -= body.mass * self.model.gravity[axis] / self.weight;
-            }
-        }
-        for force in &self.model.forces {
-            let place = crate::model::Place::Body(force.body, force.point).at(q);
-            for axis in 0..2 {
-                out[3 * force.body + axis] -= force.force[axis] / self.weight;
-            }
-            let moment = place.first[0] * force.force[0] + place.first[1] * force.force[1] + force.moment;
-            out[3 * force.body + 2] -= moment / self.weight;
-        }
-    }
-
     /// The local Jacobian, row by row (equations × nz), and that of f_m over (a, l, v), muscle by muscle.
-    pub fn jacobian(&self, z: &[f64], out: &mut [f64], force_gradient: &mut [[f64; 3]]) {
-        let nz = self.variables();
-        let q = &z[..self.nq];
+    pub fn jacobian(&self, t: f64, z: &[f64], out: &mut [f64], force_gradient: &mut [[f64; 3]]) {
+        let (nz, nq) = (self.variables(), self.nq);
+        let around = self.around(t, z);
         let [constraint_row, contraction_row, activation_row] = self.row_starts();
         out.fill(0.0);
-        for i in 0..self.nq {
-            out[i * nz + self.acceleration(i)] = self.mass[i];
-        }
-        for force in &self.model.forces {
-            let bend = crate::model::Place::Body(force.body, force.point).at(q).second;
-            let angle = 3 * force.body + 2;
-            out[angle * nz + angle] -= (bend[0] * force.force[0] + bend[1] * force.force[1]) / self.weight;
-        }
+        self.model.mechanics.slopes(self.motion(&around, z), &around.loads, |row, level, i, value| {
+            out[row * nz + self.place((level, i))] += value / self.weight;
+        });
         let stabilised = self.form == Form::Stabilised;
         let [kinematic_row, velocity_row] = self.stabilised_row_starts();
         if stabilised {
-            for i in 0..self.nq {
+            for i in 0..nq {
                 out[(kinematic_row + i) * nz + self.rate(i)] = 1.0;
                 out[(kinematic_row + i) * nz + self.velocity(i)] = -1.0;
             }
         }
-        let mut row = 0;
-        for joint in &self.model.joints {
-            let slots = joint.slots();
-            for function in joint.constraints(q) {
-                let reaction = z[self.reaction(row)];
-                for (i, slot) in slots.iter().enumerate() {
-                    let Some(coordinate) = *slot else { continue };
-                    out[(constraint_row + row) * nz + coordinate] = function.gradient[i];
-                    out[coordinate * nz + self.reaction(row)] = function.gradient[i];
+        self.model.mechanics.constraint_functions(&around.q, |row, slots, _, gradient, hessian| {
+            let reaction = z[self.reaction(row)];
+            for (i, &coordinate) in slots.iter().enumerate() {
+                let own = coordinate < nq;
+                if own {
+                    out[(constraint_row + row) * nz + coordinate] = gradient[i];
+                    out[coordinate * nz + self.reaction(row)] = gradient[i];
                     if stabilised {
-                        out[(kinematic_row + coordinate) * nz + self.stabiliser(row)] = -function.gradient[i];
-                        out[(velocity_row + row) * nz + self.velocity(coordinate)] = function.gradient[i];
-                    }
-                    for (j, other) in slots.iter().enumerate() {
-                        let Some(other) = *other else { continue };
-                        let second = function.hessian[i][j];
-                        out[coordinate * nz + other] += reaction * second;
-                        if stabilised {
-                            out[(kinematic_row + coordinate) * nz + other] -= z[self.stabiliser(row)] * second;
-                            out[(velocity_row + row) * nz + other] += z[self.velocity(coordinate)] * second;
-                        }
+                        out[(kinematic_row + coordinate) * nz + self.stabiliser(row)] = -gradient[i];
+                        out[(velocity_row + row) * nz + self.velocity(coordinate)] = gradient[i];
                     }
                 }
-                row += 1;
+                for (j, &other) in slots.iter().enumerate().filter(|(_, other)| **other < nq) {
+                    let second = hessian[i * slots.len() + j];
+                    if own {
+                        out[coordinate * nz + other] += reaction * second;
+                    }
+                    if stabilised && own {
+                        out[(kinematic_row + coordinate) * nz + other] -= z[self.stabiliser(row)] * second;
+                    }
+                    if stabilised && coordinate < around.velocity.len() {
+                        out[(velocity_row + row) * nz + other] += around.velocity[coordinate] * second;
+                    }
+                }
             }
-        }
+        });
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
             let (a, l, v, rate, u) =
                 (z[at], z[at + LENGTH], z[at + VELOCITY], z[at + ACTIVATION_RATE], z[at + EXCITATION]);
-            let slots = &muscle.path.slots;
+            let slots = muscle.path.slots();
             let mut path = muscle.path.buffer();
-            muscle.path.length(q, true, &mut path);
+            muscle.path.length(&around.q, true, &mut path);
             let force = muscle.fibre_force(a, l, v);
-            let strain = tendon_strain(force.value);
+            let stretch = muscle.contraction(path.value, l, force.value);
             force_gradient[m] = force.gradient;
             for (i, &coordinate) in slots.iter().enumerate() {
                 for (j, &other) in slots.iter().enumerate() {
@@ -310,13 +340,13 @@ impl<'m> Instant<'m> {
                 for (k, by) in force.gradient.iter().enumerate() {
                     out[coordinate * nz + at + k] += self.strength[m] * path.gradient[i] * by;
                 }
-                out[(contraction_row + m) * nz + coordinate] = path.gradient[i] / muscle.tendon_slack_length;
+                out[(contraction_row + m) * nz + coordinate] = path.gradient[i] * stretch.by_path;
             }
             let contraction = &mut out[(contraction_row + m) * nz..(contraction_row + m + 1) * nz];
             for (k, by) in force.gradient.iter().enumerate() {
-                contraction[at + k] = -strain.first * by;
+                contraction[at + k] = stretch.by_force * by;
             }
-            contraction[at + LENGTH] -= muscle.fibre_along_tendon() / muscle.tendon_slack_length;
+            contraction[at + LENGTH] += stretch.by_length;
             let time = muscle.activation_time.max(muscle.deactivation_time);
             let activation = muscle.activation_residual(a, rate, u);
             let row = &mut out[(activation_row + m) * nz..(activation_row + m + 1) * nz];
@@ -328,58 +358,48 @@ impl<'m> Instant<'m> {
 
     /// The Hessian over z of `λᵀ (equations) − νᵀ f_m`, dense and symmetric (nz × nz).
     ///
-    /// With `V(q) = f_rᵀ Φ + Σ (F_o/W) f_m L_mt − loads`, eq. (1) is `M q̈/W + ∇V`, so its part is `∇²(λ·∇V)`: the directional
-    /// derivative of ∇²V along λ, exact by dual numbers `q + ε λ`.
-    pub fn hessian(&self, z: &[f64], multipliers: InstantMultipliers<'_>, out: &mut [f64]) {
-        let nz = self.variables();
+    /// With `V(q) = f_rᵀ Φ + Σ (F_o/W) f_m L_mt`, eq. (1) is the mechanism's force and `∇V`, so V's part is `∇²(λ·∇V)`: the
+    /// directional derivative of ∇²V along λ, of joints exact by dual numbers `q + ε λ`.
+    pub fn hessian(&self, t: f64, z: &[f64], multipliers: InstantMultipliers<'_>, out: &mut [f64]) {
+        let (nz, nq) = (self.variables(), self.nq);
+        let around = self.around(t, z);
         let [constraint_row, contraction_row, activation_row] = self.row_starts();
         let lambda = multipliers.equations;
         out.fill(0.0);
-        let q: Vec<Dual64> = (0..self.nq).map(|i| Dual64::new(z[i], lambda[i])).collect();
-        for force in &self.model.forces {
-            let place = crate::model::Place::Body(force.body, force.point).at(&q);
-            let angle = 3 * force.body + 2;
-            let bend = place.second[0] * force.force[0] + place.second[1] * force.force[1];
-            out[angle * nz + angle] -= bend.eps / self.weight;
-        }
-        let mut row = 0;
-        for joint in &self.model.joints {
-            let slots = joint.slots();
-            for function in joint.constraints(&q) {
-                let (reaction, weight) = (z[self.reaction(row)], lambda[constraint_row + row]);
-                for (i, slot) in slots.iter().enumerate() {
-                    let Some(coordinate) = *slot else { continue };
-                    let mixed = function.gradient[i].eps;
-                    out[coordinate * nz + self.reaction(row)] += mixed;
-                    out[self.reaction(row) * nz + coordinate] += mixed;
-                    for (j, other) in slots.iter().enumerate() {
-                        if let Some(other) = *other {
-                            let second = function.hessian[i][j];
-                            out[coordinate * nz + other] += reaction * second.eps + weight * second.re;
-                        }
-                    }
+        self.model.mechanics.bends(self.motion(&around, z), &around.loads, lambda, |row, column, value| {
+            out[self.place(row) * nz + self.place(column)] += value / self.weight;
+        });
+        let mut direction = lambda[..nq].to_vec();
+        direction.resize(around.q.len(), 0.0);
+        let q = along(&around.q, &direction);
+        self.model.mechanics.constraint_functions(&q, |row, slots, _, gradient, hessian| {
+            let (reaction, weight) = (z[self.reaction(row)], lambda[constraint_row + row]);
+            for (i, &coordinate) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
+                let mixed = gradient[i].eps;
+                out[coordinate * nz + self.reaction(row)] += mixed;
+                out[self.reaction(row) * nz + coordinate] += mixed;
+                for (j, &other) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
+                    let second = hessian[i * slots.len() + j];
+                    out[coordinate * nz + other] += reaction * second.eps + weight * second.re;
                 }
-                row += 1;
             }
-        }
+        });
         if self.form == Form::Stabilised {
-            self.add_stabilised_hessian(z, lambda, out);
+            self.add_stabilised_hessian(&around, z, lambda, out);
         }
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
             let (a, l, v) = (z[at], z[at + LENGTH], z[at + VELOCITY]);
-            let slots = &muscle.path.slots;
-            let mut path: PathLength<Dual64> = muscle.path.buffer();
-            muscle.path.length(&q, true, &mut path);
+            let slots = muscle.path.slots();
+            let path = muscle.path.length_along(&around.q, &direction);
             let force = muscle.fibre_force(a, l, v);
-            let strain = tendon_strain(force.value);
+            let stretch = muscle.contraction(path.value.re, l, force.value);
             let contraction = lambda[contraction_row + m];
             let pull = self.strength[m] * force.value;
             for (i, &coordinate) in slots.iter().enumerate() {
                 for (j, &other) in slots.iter().enumerate() {
                     let second = path.hessian[i * slots.len() + j];
-                    out[coordinate * nz + other] +=
-                        pull * second.eps + contraction / muscle.tendon_slack_length * second.re;
+                    out[coordinate * nz + other] += pull * second.eps + contraction * stretch.by_path * second.re;
                 }
                 for (k, by) in force.gradient.iter().enumerate() {
                     let mixed = self.strength[m] * path.gradient[i].eps * by;
@@ -388,13 +408,12 @@ impl<'m> Instant<'m> {
                 }
             }
             // ω ∇²f_m − λ (f_t⁻¹)'' ∇f_m ∇f_mᵀ, with ω the sum of all factors of f_m.
-            let omega = self.strength[m] * path.value.eps
-                - contraction * strain.first
+            let omega = self.strength[m] * path.value.eps + contraction * stretch.by_force
                 - multipliers.force.get(m).copied().unwrap_or(0.0);
             for i in 0..3 {
                 for j in 0..3 {
                     out[(at + i) * nz + at + j] += omega * force.hessian[i][j]
-                        - contraction * strain.second * force.gradient[i] * force.gradient[j];
+                        + contraction * stretch.bent * force.gradient[i] * force.gradient[j];
                 }
             }
             let time = muscle.activation_time.max(muscle.deactivation_time);
@@ -408,36 +427,35 @@ impl<'m> Instant<'m> {
 
     /// The part of `κᵀ (q̇ − v − Φ_qᵀ η) + γᵀ Φ_q v`: with `Φ_η = Σ η_c Φ_c` and `Φ_γ` alike that is `γ`'s directional derivative
     /// along v less `η`'s along κ.
-    fn add_stabilised_hessian(&self, z: &[f64], lambda: &[f64], out: &mut [f64]) {
-        let nz = self.variables();
+    fn add_stabilised_hessian(&self, around: &Around, z: &[f64], lambda: &[f64], out: &mut [f64]) {
+        let (nz, nq) = (self.variables(), self.nq);
         let [kinematic_row, velocity_row] = self.stabilised_row_starts();
-        let along = |direction: &[f64]| -> Vec<Dual64> {
-            z[..self.nq].iter().zip(direction).map(|(&x, &d)| Dual64::new(x, d)).collect()
-        };
-        let by_kappa = along(&lambda[kinematic_row..velocity_row]);
-        let by_velocity = along(&z[self.velocity(0)..self.velocity(0) + self.nq]);
-        let mut row = 0;
-        for joint in &self.model.joints {
-            let slots = joint.slots();
-            for (kappa, velocity) in joint.constraints(&by_kappa).into_iter().zip(joint.constraints(&by_velocity)) {
-                let (eta, gamma) = (z[self.stabiliser(row)], lambda[velocity_row + row]);
-                for (i, slot) in slots.iter().enumerate() {
-                    let Some(coordinate) = *slot else { continue };
-                    let mixed = kappa.gradient[i].eps;
-                    out[coordinate * nz + self.stabiliser(row)] -= mixed;
-                    out[self.stabiliser(row) * nz + coordinate] -= mixed;
-                    for (j, other) in slots.iter().enumerate() {
-                        let Some(other) = *other else { continue };
-                        out[coordinate * nz + other] +=
-                            gamma * velocity.hessian[i][j].eps - eta * kappa.hessian[i][j].eps;
-                        let bend = gamma * velocity.hessian[i][j].re;
-                        out[coordinate * nz + self.velocity(other)] += bend;
-                        out[self.velocity(other) * nz + coordinate] += bend;
-                    }
+        let mut kappa = lambda[kinematic_row..velocity_row].to_vec();
+        kappa.resize(around.q.len(), 0.0);
+        self.model.mechanics.constraint_functions(&along(&around.q, &kappa), |row, slots, _, gradient, hessian| {
+            let eta = z[self.stabiliser(row)];
+            for (i, &coordinate) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
+                let mixed = gradient[i].eps;
+                out[coordinate * nz + self.stabiliser(row)] -= mixed;
+                out[self.stabiliser(row) * nz + coordinate] -= mixed;
+                for (j, &other) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
+                    out[coordinate * nz + other] -= eta * hessian[i * slots.len() + j].eps;
                 }
-                row += 1;
             }
-        }
+        });
+        let moving = along(&around.q, &around.velocity);
+        self.model.mechanics.constraint_functions(&moving, |row, slots, _, _, hessian| {
+            let gamma = lambda[velocity_row + row];
+            for (i, &coordinate) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
+                for (j, &other) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
+                    let second = hessian[i * slots.len() + j];
+                    out[coordinate * nz + other] += gamma * second.eps;
+                    let bend = gamma * second.re;
+                    out[coordinate * nz + self.velocity(other)] += bend;
+                    out[self.velocity(other) * nz + coordinate] += bend;
+                }
+            }
+        });
     }
 
     /// Makes a local Hessian positive semidefinite: the blocks of the body coordinates and of each muscle keep their
@@ -470,26 +488,19 @@ impl<'m> Instant<'m> {
     pub fn jacobian_pattern(&self) -> Vec<(usize, usize)> {
         let [constraint_row, contraction_row, activation_row] = self.row_starts();
         let [kinematic_row, velocity_row] = self.stabilised_row_starts();
-        let mut pattern = Vec::new();
-        for i in 0..self.nq {
-            pattern.push((i, self.acceleration(i)));
-        }
+        let slopes = self.model.mechanics.slope_pattern().into_iter();
+        let mut pattern: Vec<(usize, usize)> = slopes.map(|(row, level, i)| (row, self.place((level, i)))).collect();
         pattern.extend(self.coordinate_pairs());
-        let mut row = 0;
-        for joint in &self.model.joints {
-            for _ in 0..joint.kind.constraints() {
-                for coordinate in joint.slots().into_iter().flatten() {
-                    pattern.push((constraint_row + row, coordinate));
-                    pattern.push((coordinate, self.reaction(row)));
-                    if self.form == Form::Stabilised {
-                        pattern.push((kinematic_row + coordinate, self.stabiliser(row)));
-                        pattern.push((velocity_row + row, self.velocity(coordinate)));
-                        pattern.push((velocity_row + row, coordinate));
-                        let slots = joint.slots().into_iter().flatten();
-                        pattern.extend(slots.map(|other| (kinematic_row + coordinate, other)));
-                    }
+        for (row, slots) in self.constraint_slots.iter().enumerate() {
+            for &coordinate in slots {
+                pattern.push((constraint_row + row, coordinate));
+                pattern.push((coordinate, self.reaction(row)));
+                if self.form == Form::Stabilised {
+                    pattern.push((kinematic_row + coordinate, self.stabiliser(row)));
+                    pattern.push((velocity_row + row, self.velocity(coordinate)));
+                    pattern.push((velocity_row + row, coordinate));
+                    pattern.extend(slots.iter().map(|other| (kinematic_row + coordinate, *other)));
                 }
-                row += 1;
             }
         }
         if self.form == Form::Stabilised {
@@ -498,7 +509,7 @@ impl<'m> Instant<'m> {
         }
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
-            for &coordinate in &muscle.path.slots {
+            for &coordinate in muscle.path.slots() {
                 pattern.extend((0..3).map(|k| (coordinate, at + k)));
                 pattern.push((contraction_row + m, coordinate));
             }
@@ -514,25 +525,22 @@ impl<'m> Instant<'m> {
     pub fn hessian_pattern(&self) -> Vec<(usize, usize)> {
         let mut pattern: Vec<(usize, usize)> = (0..self.nq).flat_map(|i| (0..self.nq).map(move |j| (i, j))).collect();
         pattern.extend((0..self.variables()).map(|i| (i, i)));
+        let bends = self.model.mechanics.bend_pattern().into_iter();
+        pattern.extend(bends.map(|(row, column)| (self.place(row), self.place(column))));
         let both = |pattern: &mut Vec<(usize, usize)>, i: usize, j: usize| pattern.extend([(i, j), (j, i)]);
-        let mut row = 0;
-        for joint in &self.model.joints {
-            for _ in 0..joint.kind.constraints() {
-                for coordinate in joint.slots().into_iter().flatten() {
-                    both(&mut pattern, coordinate, self.reaction(row));
-                    if self.form == Form::Stabilised {
-                        both(&mut pattern, coordinate, self.stabiliser(row));
-                        let slots = joint.slots().into_iter().flatten();
-                        slots.for_each(|other| both(&mut pattern, coordinate, self.velocity(other)));
-                    }
+        for (row, slots) in self.constraint_slots.iter().enumerate() {
+            for &coordinate in slots {
+                both(&mut pattern, coordinate, self.reaction(row));
+                if self.form == Form::Stabilised {
+                    both(&mut pattern, coordinate, self.stabiliser(row));
+                    slots.iter().for_each(|&other| both(&mut pattern, coordinate, self.velocity(other)));
                 }
-                row += 1;
             }
         }
         for (m, muscle) in self.model.muscles.iter().enumerate() {
             let at = self.muscle(m);
             for k in 0..3 {
-                muscle.path.slots.iter().for_each(|&coordinate| both(&mut pattern, coordinate, at + k));
+                muscle.path.slots().iter().for_each(|&coordinate| both(&mut pattern, coordinate, at + k));
                 (0..k).for_each(|other| both(&mut pattern, at + k, at + other));
             }
             [ACTIVATION, LENGTH, VELOCITY].iter().for_each(|k| both(&mut pattern, at + k, at + EXCITATION));
@@ -542,7 +550,7 @@ impl<'m> Instant<'m> {
         pattern
     }
 
-    /// Pairs of body coordinates that a joint, a muscle or a load couples in ∇²V.
+    /// Pairs of body coordinates that a joint or a muscle couples in ∇²V.
     fn coordinate_pairs(&self) -> Vec<(usize, usize)> {
         let mut pairs: Vec<(usize, usize)> = (0..self.nq).map(|i| (i, i)).collect();
         let mut couple = |slots: &[usize]| {
@@ -550,25 +558,25 @@ impl<'m> Instant<'m> {
                 pairs.extend(slots.iter().map(|&j| (i, j)));
             }
         };
-        for joint in &self.model.joints {
-            couple(&joint.slots().into_iter().flatten().collect::<Vec<_>>());
-        }
-        for muscle in &self.model.muscles {
-            couple(&muscle.path.slots);
-        }
+        self.constraint_slots.iter().for_each(|slots| couple(slots));
+        self.model.muscles.iter().for_each(|muscle| couple(muscle.path.slots()));
         pairs.sort_unstable();
         pairs.dedup();
         pairs
     }
 
     /// How far eq. (3) is from holding as printed: |f_t(l_t) − f_m|, normalised force.
-    pub fn printed_contraction_residual(&self, z: &[f64], muscle: usize) -> f64 {
+    pub fn printed_contraction_residual(&self, t: f64, z: &[f64], muscle: usize) -> f64 {
         let m = &self.model.muscles[muscle];
         let mut path = m.path.buffer();
-        m.path.length(&z[..self.nq], false, &mut path);
-        let strain = m.tendon_strain(path.value, z[self.muscle(muscle) + LENGTH]);
-        (tendon_force(strain) - self.fibre_force(z, muscle)).abs()
+        m.path.length(&self.coordinates(t, z), false, &mut path);
+        m.printed_contraction(path.value, z[self.muscle(muscle) + LENGTH], self.fibre_force(z, muscle)).abs()
     }
+}
+
+/// x + ε d
+fn along(x: &[f64], d: &[f64]) -> Vec<Dual64> {
+    x.iter().zip(d).map(|(&x, &d)| Dual64::new(x, d)).collect()
 }
 
 #[cfg(test)]
@@ -609,7 +617,7 @@ pub(crate) mod tests {
         let jacobian = |z: &[f64]| {
             let mut out = vec![0.0; rows * nz];
             let mut force = vec![[0.0; 3]; nm];
-            instant.jacobian(z, &mut out, &mut force);
+            instant.jacobian(0.0, z, &mut out, &mut force);
             (out, force)
         };
         for _ in 0..5 {
@@ -618,7 +626,7 @@ pub(crate) mod tests {
             let nu: Vec<f64> = (0..nm).map(|_| rng.random_range(0.0..1.0)).collect();
             let (exact, _) = jacobian(&z);
             let mut hessian = vec![0.0; nz * nz];
-            instant.hessian(&z, InstantMultipliers { equations: &lambda, force: &nu }, &mut hessian);
+            instant.hessian(0.0, &z, InstantMultipliers { equations: &lambda, force: &nu }, &mut hessian);
             let (first, second) = (instant.jacobian_pattern(), instant.hessian_pattern());
             for j in 0..nz {
                 let e = 1e-6;
@@ -629,8 +637,8 @@ pub(crate) mod tests {
                 };
                 let (low, high) = (shifted(-e), shifted(e));
                 let (mut c_low, mut c_high) = (vec![0.0; rows], vec![0.0; rows]);
-                instant.residual(&low, &mut c_low);
-                instant.residual(&high, &mut c_high);
+                instant.residual(0.0, &low, &mut c_low);
+                instant.residual(0.0, &high, &mut c_high);
                 for i in 0..rows {
                     let difference = (c_high[i] - c_low[i]) / (2.0 * e);
                     let value = exact[i * nz + j];

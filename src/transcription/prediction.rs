@@ -104,7 +104,7 @@ pub fn predict(problem: &Collocation<'_>, x: &[f64], active: &[usize], setting: 
             let keep = |row: &Combination, kept: bool| -> Combination {
                 row.iter().map(|&(column, weight)| (column, if kept { weight } else { 0.0 })).collect()
             };
-            rows.push(keep(&point.map[at + LENGTH], point.complete));
+            rows.push(keep(&point.map[at + LENGTH], point.complete || muscle.rigid_tendon));
             rows.push(keep(&point.map[at + VELOCITY], point.complete && !idle));
         }
         rows.extend(linear_rows_on_length(problem, m));
@@ -153,8 +153,8 @@ fn dependent_joint_constraints(problem: &Collocation<'_>, locals: &[Vec<f64>]) -
     let mut force = vec![[0.0; 3]; instant.model.muscles.len()];
     let [constraint_row, ..] = instant.row_starts();
     let (mut rows, mut reactions, mut at_start) = (0, 0, None);
-    for (z, point) in locals.iter().zip(&layout.points) {
-        instant.jacobian(z, &mut jacobian, &mut force);
+    for ((z, point), &t) in locals.iter().zip(&layout.points).zip(&layout.times) {
+        instant.jacobian(t, z, &mut jacobian, &mut force);
         let position = Mat::from_fn(nc, nq, |i, j| jacobian[(constraint_row + i) * nz + j]);
         let missing = nc - rank::by_svd(&position).map_or(nc, |r| r.rank);
         at_start.get_or_insert(missing);

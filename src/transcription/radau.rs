@@ -5,8 +5,8 @@
 //! reactions f_r, stabilisers η and excitations u are of degree s − 1, known at the points, and have no value at t_1.
 //! (E. Hairer and G. Wanner, *Solving Ordinary Differential Equations II*, Springer 1996, IV.5 and VII.4.)
 //!
-//! At each point: all equations of [`super::instant`] in the form [`Form::Stabilised`]. At t_1: Φ = 0 and Φ_q v = 0 only. With
-//! `initial = "equilibrium"` also l̇ = 0 at the first point: without it the initial fibre length acts only
+//! At each point: all equations of [`super::instant`] in the form [`Form::Stabilised`]. At t_1: Φ = 0 and Φ_q v = 0 only, and of
+//! a rigid tendon eq. (3) too, which then says where the fibre is. `initial = "equilibrium"` also l̇ = 0 at the first point of the other muscles: without it the initial fibre length acts only
 //! through f_v within the first step, and the optimum drives it to saturation.
 //!
 //! Order of the decision vector, banded in time: `q v l a at t_1 | q v l a u f_r η at the first point | … | at the last`.
@@ -61,6 +61,8 @@ pub struct Radau {
     nodes: Vec<f64>,
     weights: Vec<f64>,
     equilibrium: bool,
+    /// Muscles whose fibre length follows from the coordinates, at t_1 too.
+    rigid: Vec<bool>,
     nq: usize,
     nm: usize,
     nc: usize,
@@ -98,6 +100,7 @@ impl Radau {
             nodes,
             weights,
             equilibrium,
+            rigid: model.muscles.iter().map(|muscle| muscle.rigid_tendon).collect(),
             nq: model.coordinates(),
             nm: model.muscles.len(),
             nc: model.constraints(),
@@ -203,7 +206,8 @@ impl Discretisation for Radau {
         }
         let [constraint, contraction, _] = instant.row_starts();
         let [_, velocity] = instant.stabilised_row_starts();
-        let rows = (constraint..contraction).chain(velocity..instant.equations()).collect();
+        let fibres = (0..self.nm).filter(|&m| self.rigid[m]).map(|m| contraction + m);
+        let rows = (constraint..contraction).chain(fibres).chain(velocity..instant.equations()).collect();
         let mut points = vec![Point { map: start, rows, complete: false }];
         points.extend((1..self.points.len()).map(|j| {
             let rows = (0..instant.equations()).collect();
@@ -212,7 +216,7 @@ impl Discretisation for Radau {
         let linear = if self.equilibrium {
             // Scaled by h, to be of the size of a fibre length.
             let scaled = |m| self.state(self.point(1), 1, Group::Length, m).into_iter().map(|(i, w)| (i, w * self.h));
-            (0..self.nm).map(|m| scaled(m).collect()).collect()
+            (0..self.nm).filter(|&m| !self.rigid[m]).map(|m| scaled(m).collect()).collect()
         } else {
             Vec::new()
         };
@@ -269,7 +273,7 @@ impl Discretisation for Radau {
         if self.equilibrium {
             // The initial fibre length that gives l̇ = 0 at the first point.
             let slope = lagrange(&self.nodes, self.nodes[1], 1);
-            for m in 0..self.nm {
+            for m in (0..self.nm).filter(|&m| !self.rigid[m]) {
                 let rest: f64 = (1..slope.len()).map(|n| slope[n] * x[self.length_index(n, m)]).sum();
                 x[self.length_index(0, m)] = -rest / slope[0];
             }

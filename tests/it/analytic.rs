@@ -39,7 +39,7 @@ fn residual_of_motion(instant: &Instant<'_>, z: &[f64]) -> f64 {
     let (nq, nc) = (model.coordinates(), model.constraints());
     let motion = |z: &[f64]| {
         let mut out = vec![0.0; instant.equations()];
-        instant.residual(z, &mut out);
+        instant.residual(0.0, z, &mut out);
         DVector::from_row_slice(&out[..nq])
     };
     let rest = motion(z);
@@ -56,7 +56,7 @@ fn residual_of_motion(instant: &Instant<'_>, z: &[f64]) -> f64 {
 /// z of the rod at an angle with angular velocity and acceleration, no muscle force to speak of.
 fn swinging(model: &Model, angle: f64, rate: f64, acceleration: f64) -> Vec<f64> {
     let instant = Instant::new(model, Form::SecondOrder);
-    let q = model.assemble(&[Some(angle)], None).unwrap();
+    let q = model.planar().unwrap().assemble(&[Some(angle)], None).unwrap();
     let mut z = vec![0.0; instant.variables()];
     z[..3].copy_from_slice(&q);
     // Centre of mass at −0.4 along the rod: r = 0.4 (sin φ, −cos φ).
@@ -89,7 +89,7 @@ fn a_muscle_holds_the_rod_with_the_torque_of_its_moment_arm() {
     let muscle = &model.muscles[0];
     let angle = -0.5;
     let length = |angle: f64| {
-        let q = model.assemble(&[Some(angle)], None).unwrap();
+        let q = model.planar().unwrap().assemble(&[Some(angle)], None).unwrap();
         let mut path = muscle.path.buffer();
         muscle.path.length(&q, false, &mut path);
         path.value

@@ -12,6 +12,7 @@ mod radau;
 mod recheck;
 mod regularity;
 mod resume;
+mod space;
 mod spatial;
 mod support;
 mod sweeps;

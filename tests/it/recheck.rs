@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 use sinew::guess::start_guess;
 use sinew::model::Model;
+use sinew::model::path::Path;
 use sinew::model::curves::{active_force_length, passive_force_length, tendon_force};
 use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
 use sinew::solve::transcribe;
@@ -23,7 +24,7 @@ fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
     let table = motion("arm_curl.csv", model);
     let (instant, scheme, measurement) = prepare(model, &table, points);
     let problem = transcribe(&instant, &scheme, &measurement, &settings(|s| s.bounds = bounds));
-    let guess = start_guess(model, &scheme, points, &measurement).unwrap();
+    let guess = start_guess(&instant, &scheme, points, &measurement).unwrap();
     let outcome = sqp::solve(&problem, guess, SqpSettings::default());
     assert_eq!(outcome.status, SqpStatus::Converged);
     Solved { x: outcome.iterate.x, scheme }
@@ -59,7 +60,8 @@ fn path_length(model: &Model, muscle: usize, q: &[f64]) -> f64 {
             [q[3 * b] + cos * x - sin * y, q[3 * b + 1] + sin * x + cos * y]
         }
     };
-    let points: Vec<[f64; 2]> = model.muscles[muscle].path.points.iter().map(point).collect();
+    let Path::Straight(path) = &model.muscles[muscle].path else { panic!("a planar model") };
+    let points: Vec<[f64; 2]> = path.points.iter().map(point).collect();
     points.windows(2).map(|w| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1])).sum()
 }
 
@@ -78,7 +80,7 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
             let q: Vec<f64> = (0..6).map(|i| solved.coordinate(i, t, 0)).collect();
             // Joints: shoulder at the origin, elbow 0.30 m down the upper arm; points from the model file.
             let joint = |body: usize, point: [f64; 2]| {
-                let com = model.bodies[body].centre_of_mass;
+                let com = model.planar().unwrap().bodies[body].centre_of_mass;
                 let (sin, cos) = q[3 * body + 2].sin_cos();
                 let s = [point[0] - com[0], point[1] - com[1]];
                 [q[3 * body] + cos * s[0] - sin * s[1], q[3 * body + 1] + sin * s[0] + cos * s[1]]
@@ -88,7 +90,7 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
             assert!((end[0] - elbow[0]).abs().max((end[1] - elbow[1]).abs()) < 1e-8);
             let mut motion: Vec<f64> = (0..6)
                 .map(|i| {
-                    let body = &model.bodies[i / 3];
+                    let body = &model.planar().unwrap().bodies[i / 3];
                     let mass = if i % 3 == 2 { body.inertia } else { body.mass };
                     let gravity = if i % 3 == 1 { 9.81 * body.mass } else { 0.0 };
                     mass * solved.coordinate(i, t, 2) + gravity
@@ -181,19 +183,20 @@ fn activation_and_fibre_length_integrated_forward_show_the_gap_between_the_point
 /// q̈ of the arm under given muscle forces (N), joints held by Lagrange multipliers with Baumgarte's stabilisation.
 fn acceleration(model: &Model, q: &[f64], rate: &[f64], forces: &[f64]) -> Vec<f64> {
     let (nq, nc) = (model.coordinates(), model.constraints());
+    let planar = model.planar().unwrap();
     let mut matrix = DMatrix::zeros(nq + nc, nq + nc);
     let mut right = DVector::zeros(nq + nc);
-    for (i, mass) in model.mass_diagonal().into_iter().enumerate() {
+    for (i, mass) in planar.mass_diagonal().into_iter().enumerate() {
         matrix[(i, i)] = mass;
-        right[i] = if i % 3 < 2 { mass * model.gravity[i % 3] } else { 0.0 };
+        right[i] = if i % 3 < 2 { mass * planar.gravity[i % 3] } else { 0.0 };
     }
     for (muscle, force) in model.muscles.iter().zip(forces) {
         let mut path = muscle.path.buffer();
         muscle.path.length(q, false, &mut path);
-        muscle.path.slots.iter().zip(&path.gradient).for_each(|(&slot, g)| right[slot] -= force * g);
+        muscle.path.slots().iter().zip(&path.gradient).for_each(|(&slot, g)| right[slot] -= force * g);
     }
     let moving: Vec<Dual64> = q.iter().zip(rate).map(|(&x, &v)| Dual64::new(x, v)).collect();
-    let rows = model.joints.iter().flat_map(|j| j.constraints(&moving).into_iter().map(move |f| (j.slots(), f)));
+    let rows = planar.joints.iter().flat_map(|j| j.constraints(&moving).into_iter().map(move |f| (j.slots(), f)));
     for (row, (slots, function)) in rows.enumerate() {
         let stiffness = 20.0;
         right[nq + row] = -2.0 * stiffness * function.value.eps - stiffness * stiffness * function.value.re;

@@ -1,0 +1,423 @@
+//! Length of a spatial muscle path over the coordinates of the free bodies, with exact first and second derivatives.
+//!
+//! The path is cut into pieces from its points over the surfaces it touches; where it goes from one surface to the next, a free point
+//! on the straight part between them joins two pieces. Each piece's length has its derivatives over its two ends in the
+//! surface's frame ([`crate::skeleton::surface::Shape::curvature`]); the chain rule takes them to body coordinates ([`Jet`]). A free point w stands where the
+//! length is least, so it leaves the gradient alone and the Hessian by
+//!
+//! ```text
+//! ∂²L/∂q² = L_qq − L_qw L_ww⁻¹ L_wq        w across the way only
+//! ```
+//!
+//! The length is C¹ and piecewise smooth: its second derivative jumps where contact comes or goes, nothing else does.
+
+use nalgebra::{DMatrix, Matrix2};
+use num_dual::Dual64;
+
+use super::euler::{self, rotated};
+use super::jet::{Jet, dot};
+use super::joint::{PER_BODY, Place};
+use crate::model::path::PathLength;
+use crate::skeleton::frame::{Frame, Vector, along, minus, norm, unit};
+use crate::skeleton::path::contacts;
+use crate::skeleton::surface::{Contact, Shape, tangents};
+
+/// Size of the step along a direction in which third derivatives are taken by differences.
+const STEP: f64 = 1e-5;
+
+#[derive(Clone, Debug)]
+pub struct SpatialPath {
+    pub points: Vec<PathPoint>,
+    pub surfaces: Vec<Obstacle>,
+    /// Body coordinates that the length depends on, increasing: seven of each free body.
+    pub slots: Vec<usize>,
+}
+
+#[derive(Clone, Debug)]
+pub struct PathPoint {
+    pub place: Place,
+    /// The point is `place + slope θ` (m/rad).
+    pub moves: Option<(Elevation, Vector)>,
+}
+
+/// The second of three rotations of a joint, θ, the first two about axes at right angles:
+/// `a_1 · R a_3 = C cos(θ − δ)` with a_1 fixed in the parent and a_3 in the child. Singular at θ = δ.
+#[derive(Clone, Copy, Debug)]
+pub struct Elevation {
+    pub parent: Option<usize>,
+    pub child: Option<usize>,
+    /// a_1 in the parent's and a_3 in the child's axes.
+    pub axes: [Vector; 2],
+    /// C, δ
+    pub cosine: [f64; 2],
+}
+
+/// A wrapping surface.
+#[derive(Clone, Debug)]
+pub struct Obstacle {
+    pub body: Option<usize>,
+    /// From the body's centre of mass, in its axes.
+    pub frame: Frame<f64>,
+    pub shape: Shape,
+    /// The only part of the path that it is in the way of.
+    pub part: Option<usize>,
+}
+
+/// A piece of the path in one pose.
+struct Piece {
+    /// Number of a point, or of a joint of two pieces.
+    from: End,
+    to: End,
+    touches: Option<(usize, Contact)>,
+}
+
+#[derive(Clone, Copy)]
+enum End {
+    Point(usize),
+    /// Number, place and direction of the path there.
+    Joint(usize, Vector, Vector),
+}
+
+/// Frame of a body in the ground's; the ground itself for `None`.
+fn frame_of(q: &[f64], body: Option<usize>) -> Frame<f64> {
+    let Some(body) = body else { return Frame::identity() };
+    let q = &q[PER_BODY * body..PER_BODY * (body + 1)];
+    let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| euler::rotate(&q[3..], axis));
+    let axes = [0, 1, 2].map(|i| [columns[0][i], columns[1][i], columns[2][i]]);
+    Frame { axes, origin: [q[0], q[1], q[2]] }
+}
+
+impl Elevation {
+    fn value(&self, q: &[f64]) -> f64 {
+        let turned = |body: Option<usize>, axis| {
+            body.map_or(axis, |b| euler::rotate(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], axis))
+        };
+        let [a, b] = [turned(self.parent, self.axes[0]), turned(self.child, self.axes[1])];
+        let cosine = crate::skeleton::frame::dot(&a, &b) / self.cosine[0];
+        self.cosine[1] + cosine.clamp(-1.0, 1.0).acos()
+    }
+}
+
+impl SpatialPath {
+    /// `free`: the number of bodies whose coordinates are unknowns; those after them are given.
+    pub fn new(points: Vec<PathPoint>, surfaces: Vec<Obstacle>, free: usize) -> Self {
+        let of_points = points.iter().flat_map(|p| {
+            let by = p.moves.as_ref().map(|(by, _)| [by.parent, by.child]).unwrap_or_default();
+            [p.place.body, by[0], by[1]]
+        });
+        let mut bodies: Vec<usize> =
+            of_points.chain(surfaces.iter().map(|s| s.body)).flatten().filter(|&b| b < free).collect();
+        bodies.sort_unstable();
+        bodies.dedup();
+        let slots = bodies.iter().flat_map(|b| (0..PER_BODY).map(move |i| PER_BODY * b + i)).collect();
+        Self { points, surfaces, slots }
+    }
+
+    /// First slot of a free body, `None` for others.
+    fn slot(&self, body: Option<usize>) -> Option<usize> {
+        let first = PER_BODY * body?;
+        self.slots.iter().position(|&slot| slot == first)
+    }
+
+    /// Of a path point, from its body's centre of mass in its axes.
+    fn local(&self, point: usize, q: &[f64]) -> Vector {
+        let PathPoint { place, moves } = &self.points[point];
+        moves.as_ref().map_or(place.point, |(by, slope)| along(&place.point, by.value(q), slope))
+    }
+
+    /// Where a path point is, in the ground's frame.
+    pub fn position(&self, point: usize, q: &[f64]) -> Vector {
+        frame_of(q, self.points[point].place.body).point(&self.local(point, q))
+    }
+
+    fn route(&self, q: &[f64]) -> Vec<Piece> {
+        let mut pieces = Vec::new();
+        let mut joints = 0;
+        for part in 0..self.points.len() - 1 {
+            let met: Vec<usize> =
+                (0..self.surfaces.len()).filter(|&s| self.surfaces[s].part.is_none_or(|own| own == part)).collect();
+            let (from, to) = (End::Point(part), End::Point(part + 1));
+            if met.is_empty() {
+                pieces.push(Piece { from, to, touches: None });
+                continue;
+            }
+            let places: Vec<(Frame<f64>, &Shape)> = (met.iter().map(|&s| &self.surfaces[s]))
+                .map(|surface| (frame_of(q, surface.body) * surface.frame, &surface.shape))
+                .collect();
+            let found = contacts(&places, &self.position(part, q), &self.position(part + 1, q));
+            let touched: Vec<(usize, Contact)> =
+                met.iter().zip(found).filter_map(|(&s, contact)| Some((s, contact?))).collect();
+            let mut begin = from;
+            for (k, &(surface, contact)) in touched.iter().enumerate() {
+                let end = match touched.get(k + 1) {
+                    None => to,
+                    Some((_, next)) => {
+                        joints += 1;
+                        let way = minus(&next.first, &contact.last);
+                        End::Joint(joints - 1, along(&contact.last, 0.5, &way), unit(&way))
+                    }
+                };
+                pieces.push(Piece { from: begin, to: end, touches: Some((surface, contact)) });
+                begin = end;
+            }
+            if touched.is_empty() {
+                pieces.push(Piece { from, to, touches: None });
+            }
+        }
+        pieces
+    }
+
+    /// The length and its derivatives over [`SpatialPath::slots`], and the surfaces touched; `second` asks for the Hessian.
+    pub fn length(&self, q: &[f64], second: bool, out: &mut PathLength<f64>) -> Vec<usize> {
+        let pieces = self.route(q);
+        let joints = pieces.iter().filter(|piece| matches!(piece.to, End::Joint(..))).count();
+        if !second {
+            self.slope(q, &pieces, out);
+        } else {
+            match self.slots.len() + 2 * joints {
+                ..8 => self.bend::<8>(q, &pieces, joints, out),
+                8..=16 => self.bend::<16>(q, &pieces, joints, out),
+                17..=24 => self.bend::<24>(q, &pieces, joints, out),
+                _ => self.bend::<48>(q, &pieces, joints, out),
+            }
+        }
+        pieces.iter().filter_map(|piece| Some(piece.touches.as_ref()?.0)).collect()
+    }
+
+    /// Value and gradient: contacts stay where they are on their bodies, and only the straight parts count.
+    fn slope(&self, q: &[f64], pieces: &[Piece], out: &mut PathLength<f64>) {
+        out.value = 0.0;
+        out.gradient.fill(0.0);
+        // The pull `way` on a point, given in the axes of its body.
+        let mut pull = |body: Option<usize>, point: Vector, way: Vector| {
+            let Some(at) = self.slot(body) else { return };
+            let p = &q[self.slots[at] + 3..self.slots[at] + PER_BODY];
+            (0..3).for_each(|i| out.gradient[at + i] += way[i]);
+            for (k, column) in euler::slopes(p, point).iter().enumerate() {
+                out.gradient[at + 3 + k] += crate::skeleton::frame::dot(column, &way);
+            }
+        };
+        let mut total = 0.0;
+        let mut moved: Vec<(usize, Vector)> = Vec::new();
+        for piece in pieces {
+            let place = |end: End| match end {
+                End::Point(point) => self.position(point, q),
+                End::Joint(_, place, _) => place,
+            };
+            let (a, b) = (place(piece.from), place(piece.to));
+            let mut straight = |from: (Option<End>, Vector), to: (Option<End>, Vector), surface: Option<usize>| {
+                let way = minus(&to.1, &from.1);
+                total += norm(&way);
+                let way = unit(&way);
+                for ((end, at), way) in [(from, way.map(|x| -x)), (to, way)] {
+                    match (end, surface) {
+                        (Some(End::Point(point)), _) => {
+                            pull(self.points[point].place.body, self.local(point, q), way);
+                            moved.push((point, way));
+                        }
+                        (Some(End::Joint(..)), _) => {}
+                        (None, surface) => {
+                            let body = self.surfaces[surface.expect("a contact is on a surface")].body;
+                            pull(body, frame_of(q, body).inverse().point(&at), way);
+                        }
+                    }
+                }
+            };
+            match &piece.touches {
+                None => straight((Some(piece.from), a), (Some(piece.to), b), None),
+                Some((surface, contact)) => {
+                    straight((Some(piece.from), a), (None, contact.first), Some(*surface));
+                    straight((None, contact.last), (Some(piece.to), b), Some(*surface));
+                    total += contact.length;
+                }
+            }
+        }
+        out.value = total;
+        for (point, way) in moved {
+            let PathPoint { place, moves: Some((by, slope)) } = &self.points[point] else { continue };
+            let along_slope = crate::skeleton::frame::dot(&way, &turned(q, place.body, *slope));
+            let angle: Jet<f64, 24> = self.angle(by, q);
+            (0..self.slots.len()).for_each(|i| out.gradient[i] += along_slope * angle.gradient[i]);
+        }
+    }
+
+    /// Value, gradient and Hessian by jets over the slots and two directions of each free point.
+    fn bend<const N: usize>(&self, q: &[f64], pieces: &[Piece], joints: usize, out: &mut PathLength<f64>) {
+        let (n, all) = (self.slots.len(), self.slots.len() + 2 * joints);
+        assert!(all <= N, "a path over {} bodies and {joints} surfaces in a row", n / PER_BODY);
+        let mut sum: Jet<f64, N> = Jet::constant(0.0);
+        for piece in pieces {
+            let ends = [piece.from, piece.to].map(|end| match end {
+                End::Point(point) => self.point(point, q),
+                End::Joint(k, place, way) => {
+                    let (u, v) = tangents(&way);
+                    let mut jets = place.map(Jet::constant);
+                    for (i, jet) in jets.iter_mut().enumerate() {
+                        jet.gradient[n + 2 * k] = u[i];
+                        jet.gradient[n + 2 * k + 1] = v[i];
+                    }
+                    jets
+                }
+            });
+            sum = sum
+                + match &piece.touches {
+                    None => straight(&ends),
+                    Some((surface, contact)) => self.wrapped(*surface, contact, piece, &ends, q),
+                };
+        }
+        out.value = sum.value;
+        out.gradient.copy_from_slice(&sum.gradient[..n]);
+        for i in 0..n {
+            out.hessian[i * n..(i + 1) * n].copy_from_slice(&sum.hessian[i][..n]);
+        }
+        if joints == 0 {
+            return;
+        }
+        let free = DMatrix::from_fn(2 * joints, 2 * joints, |i, j| sum.hessian[n + i][n + j]);
+        let mixed = DMatrix::from_fn(2 * joints, n, |i, j| sum.hessian[n + i][j]);
+        let solved = if joints == 1 {
+            Matrix2::new(free[(0, 0)], free[(0, 1)], free[(1, 0)], free[(1, 1)]).try_inverse().map(|inv| inv * &mixed).map(|m| {
+                DMatrix::from_fn(2, n, |i, j| m[(i, j)])
+            })
+        } else {
+            free.lu().solve(&mixed)
+        };
+        if let Some(solved) = solved {
+            for i in 0..n {
+                for j in 0..n {
+                    out.hessian[i * n + j] -= (0..2 * joints).map(|k| mixed[(k, i)] * solved[(k, j)]).sum::<f64>();
+                }
+            }
+        }
+    }
+
+    /// The moving coordinate as a jet.
+    fn angle<const N: usize>(&self, by: &Elevation, q: &[f64]) -> Jet<f64, N> {
+        let [c, offset] = by.cosine;
+        let f = dot(&self.direction(by.parent, by.axes[0], q), &self.direction(by.child, by.axes[1], q)).scaled(1.0 / c);
+        let x = f.value.clamp(-1.0, 1.0);
+        let sine = (1.0 - x * x).max(1e-16).sqrt();
+        let mut angle = Jet::compose(x.acos(), &[-1.0 / sine], &[[-x / sine.powi(3)]], &[f]);
+        angle.value += offset;
+        angle
+    }
+
+    /// A direction of a body, in the ground's axes.
+    fn direction<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> [Jet<f64, N>; 3] {
+        match (body, self.slot(body)) {
+            (Some(b), Some(at)) => rotated(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], at + 3, x),
+            _ => turned(q, body, x).map(Jet::constant),
+        }
+    }
+
+    /// A point of a body, in the ground's frame.
+    fn fixed<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> [Jet<f64, N>; 3] {
+        let mut jets = self.direction(body, x, q);
+        if let Some(body) = body {
+            let at = self.slot(Some(body));
+            for (i, jet) in jets.iter_mut().enumerate() {
+                jet.value += q[PER_BODY * body + i];
+                if let Some(at) = at {
+                    jet.gradient[at + i] = 1.0;
+                }
+            }
+        }
+        jets
+    }
+
+    fn point<const N: usize>(&self, point: usize, q: &[f64]) -> [Jet<f64, N>; 3] {
+        let PathPoint { place, moves } = &self.points[point];
+        let fixed = self.fixed(place.body, place.point, q);
+        match moves {
+            None => fixed,
+            Some((by, slope)) => {
+                let (angle, slope) = (self.angle(by, q), self.direction(place.body, *slope, q));
+                [0, 1, 2].map(|i| fixed[i] + slope[i] * angle)
+            }
+        }
+    }
+
+    /// The length of a piece around a surface, its ends brought into the surface's frame.
+    fn wrapped<const N: usize>(
+        &self,
+        surface: usize,
+        contact: &Contact,
+        piece: &Piece,
+        ends: &[[Jet<f64, N>; 3]; 2],
+        q: &[f64],
+    ) -> Jet<f64, N> {
+        let Obstacle { body, frame, shape, .. } = &self.surfaces[surface];
+        let place = frame_of(q, *body) * *frame;
+        let back = place.inverse();
+        let centre = self.fixed(*body, frame.origin, q);
+        let axes = [0, 1, 2].map(|j| self.direction(*body, [0, 1, 2].map(|i| frame.axes[i][j]), q));
+        let inside = |end: End, jets: &[Jet<f64, N>; 3]| match end {
+            // Fixed to the surface's own body.
+            End::Point(k) if self.points[k].place.body == *body && self.points[k].moves.is_none() => {
+                frame.inverse().point(&self.points[k].place.point).map(Jet::constant)
+            }
+            _ => {
+                let way = [0, 1, 2].map(|i| jets[i] - centre[i]);
+                [0, 1, 2].map(|j| dot(&axes[j], &way))
+            }
+        };
+        let (a, b) = (inside(piece.from, &ends[0]), inside(piece.to, &ends[1]));
+        let local = Contact { first: back.point(&contact.first), last: back.point(&contact.last), ..*contact };
+        let (from, to) = (a.map(|jet| jet.value), b.map(|jet| jet.value));
+        let value = norm(&minus(&local.first, &from)) + local.length + norm(&minus(&to, &local.last));
+        let (gradient, hessian) = shape.curvature(&from, &to, &local);
+        Jet::compose(value, &gradient, &hessian, &[a[0], a[1], a[2], b[0], b[1], b[2]])
+    }
+
+    /// The length and its derivatives, and in the dual parts how they change along `direction` (over all coordinates). The change
+    /// of the Hessian, that is third derivatives, by differences; none where contact comes or goes on the way.
+    pub fn length_along(&self, q: &[f64], direction: &[f64]) -> PathLength<Dual64> {
+        let n = self.slots.len();
+        let buffer = || PathLength { value: 0.0, gradient: vec![0.0; n], hessian: vec![0.0; n * n] };
+        let mut here = buffer();
+        let touched = self.length(q, true, &mut here);
+        let way: Vec<f64> = self.slots.iter().map(|&slot| direction[slot]).collect();
+        let change = |row: &[f64]| row.iter().zip(&way).map(|(x, d)| x * d).sum::<f64>();
+        let size = way.iter().fold(0.0f64, |a, d| a.max(d.abs()));
+        let mut third = vec![0.0; n * n];
+        if size > 0.0 && size.is_finite() {
+            let e = STEP / size;
+            let at = |e: f64| {
+                let mut moved = q.to_vec();
+                self.slots.iter().zip(&way).for_each(|(&slot, d)| moved[slot] += e * d);
+                let mut there = buffer();
+                (self.length(&moved, true, &mut there) == touched).then_some(there.hessian)
+            };
+            if let (Some(up), Some(down)) = (at(e), at(-e)) {
+                third.iter_mut().zip(up.iter().zip(down)).for_each(|(t, (up, down))| *t = (up - down) / (2.0 * e));
+            }
+        }
+        PathLength {
+            value: Dual64::new(here.value, change(&here.gradient)),
+            gradient: (0..n)
+                .map(|i| Dual64::new(here.gradient[i], change(&here.hessian[i * n..(i + 1) * n])))
+                .collect(),
+            hessian: here.hessian.iter().zip(third).map(|(&h, t)| Dual64::new(h, t)).collect(),
+        }
+    }
+}
+
+/// A direction of a body in the ground's axes.
+fn turned(q: &[f64], body: Option<usize>, x: Vector) -> Vector {
+    body.map_or(x, |b| euler::rotate(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], x))
+}
+
+/// |b − a|
+fn straight<const N: usize>(ends: &[[Jet<f64, N>; 3]; 2]) -> Jet<f64, N> {
+    let way = [0, 1, 2].map(|i| ends[1][i] - ends[0][i]);
+    let d = way.map(|jet| jet.value);
+    let length = norm(&d);
+    let n = unit(&d);
+    let mut hessian = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            hessian[i][j] = (f64::from(u8::from(i == j)) - n[i] * n[j]) / length;
+        }
+    }
+    Jet::compose(length, &n, &hessian, &way)
+}

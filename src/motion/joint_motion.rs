@@ -1,0 +1,131 @@
+//! Motion of a spatial model by its joint coordinates over time: where every body is, and how fast it moves.
+
+use num_dual::Dual64;
+
+use crate::model::spatial::Spatial;
+use crate::model::spatial::joint::PER_BODY;
+use crate::numerics::cubic::CubicSpline;
+use crate::skeleton::frame::{Frame, minus, norm};
+use crate::skeleton::{Girdle, Role};
+
+/// Joint coordinates as functions of the time from the start of the motion, and what the study changes in it.
+#[derive(Clone, Debug)]
+pub struct JointMotion {
+    spatial: Spatial,
+    /// By coordinate: constant, or a spline in the table's time with an offset and a factor on the excursion from its start.
+    coordinates: Vec<Over>,
+    start: f64,
+    time_scale: f64,
+    /// rad
+    abduction: f64,
+    /// All coordinates at the start, which say the sign of Euler parameters.
+    first: Vec<f64>,
+}
+
+#[derive(Clone, Debug)]
+pub enum Over {
+    Constant(f64),
+    Time { spline: CubicSpline, first: f64, offset: f64, scale: f64 },
+}
+
+impl JointMotion {
+    /// `coordinates`: one for each of the skeleton; `abduction` rad.
+    pub fn new(spatial: &Spatial, coordinates: Vec<Over>, start: f64, time_scale: f64, abduction: f64) -> Self {
+        let mut motion =
+            Self { spatial: spatial.clone(), coordinates, start, time_scale, abduction, first: Vec::new() };
+        motion.first = spatial.coordinates_of(&motion.frames(0.0).real(), None);
+        motion
+    }
+
+    /// Joint coordinates with their rates in the dual parts.
+    fn pose(&self, t: f64) -> Vec<Dual64> {
+        let at = |over: &Over| match over {
+            Over::Constant(value) => Dual64::from(*value),
+            Over::Time { spline, first, offset, scale } => {
+                let [value, rate, _] = spline.at(self.start + t / self.time_scale);
+                Dual64::new(first + offset + scale * (value - first), scale * rate / self.time_scale)
+            }
+        };
+        self.coordinates.iter().map(at).collect()
+    }
+
+    /// Where all bodies of the skeleton are at a time (s) from the start of the motion, with the rates of that.
+    fn frames(&self, t: f64) -> Frames<Dual64> {
+        let skeleton = &self.spatial.skeleton;
+        let moving = skeleton.frames(&self.pose(t));
+        let fixed = self.spatial.girdle == Girdle::Fixed;
+        if self.abduction == 0.0 && !(fixed && skeleton.bodies.iter().any(|body| body.role == Role::Girdle)) {
+            return Frames(moving);
+        }
+        let held = if fixed { self.pose(0.0).into_iter().map(|x| Dual64::from(x.re)).collect() } else { Vec::new() };
+        let is_girdle = |body: usize| fixed && skeleton.bodies[body].role == Role::Girdle;
+        let mut frames: Vec<Frame<Dual64>> = vec![Frame::identity(); skeleton.bodies.len()];
+        for joint in &skeleton.joints {
+            let parent = joint.parent.map_or_else(Frame::identity, |parent| frames[parent]);
+            let place = parent * joint.in_parent.lift();
+            let pose = self.pose(t);
+            let pose = if is_girdle(joint.child) { &held } else { &pose };
+            let mut frame = place * joint.motion.frame(pose) * joint.in_child.inverse().lift();
+            // What hangs on a fixed girdle keeps the direction in space that it has on the moving one.
+            let hangs = joint.parent.is_some_and(is_girdle) && !is_girdle(joint.child);
+            let abducted = skeleton.abduction.as_ref().filter(|a| a.body == joint.child && self.abduction != 0.0);
+            if hangs || abducted.is_some() {
+                let mut axes = if hangs { moving[joint.child].axes } else { frame.axes };
+                if let Some(abduction) = abducted {
+                    let against = frames[abduction.against];
+                    let axis = [0, 1, 2].map(|i| (0..3).map(|j| against.axes[i][j].re * abduction.axis[j]).sum::<f64>());
+                    let turn = Frame::rotation(axis, Dual64::from(self.abduction));
+                    axes = (turn * Frame { axes, origin: frame.origin }).axes;
+                }
+                let centre = (place * joint.motion.frame(pose)).origin;
+                let turned = Frame { axes, origin: [Dual64::from(0.0); 3] };
+                let arm = turned.point(&joint.in_child.origin.map(Dual64::from));
+                frame = Frame { axes, origin: [0, 1, 2].map(|i| centre[i] - arm[i]) };
+            }
+            frames[joint.child] = frame;
+        }
+        Frames(frames)
+    }
+
+    /// Coordinates of the bodies that have equations, Euler parameters of the sign nearest to those of `near`.
+    pub fn measured(&self, t: f64, near: Option<&[f64]>) -> Vec<f64> {
+        let near = near.unwrap_or(&self.first);
+        let mut padded = near.to_vec();
+        padded.extend_from_slice(&self.first[near.len()..]);
+        let mut q = self.spatial.coordinates_of(&self.frames(t).real(), Some(&padded));
+        q.truncate(PER_BODY * self.spatial.bodies.len());
+        q
+    }
+
+    /// Coordinates of the bodies whose motion is given, and their rates.
+    pub fn given(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
+        if self.spatial.given.is_empty() {
+            return Default::default();
+        }
+        let all: Vec<Dual64> = self.spatial.coordinates_of(&self.frames(t).0, Some(&self.first));
+        all[PER_BODY * self.spatial.bodies.len()..].iter().map(|x| (x.re, x.eps)).unzip()
+    }
+
+    /// The largest distance between points that are held together, with their name, m.
+    pub fn gap(&self, t: f64) -> Option<(f64, &str)> {
+        let frames = self.frames(t).real();
+        let gap = |held: &crate::skeleton::HeldPoint| {
+            let [a, b] = [0, 1].map(|k| frames[held.bodies[k]].point(&held.points[k]));
+            norm(&minus(&a, &b))
+        };
+        let gaps = self.spatial.skeleton.held_points.iter().map(|held| (gap(held), held.name.as_str()));
+        gaps.max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+struct Frames<T>(Vec<Frame<T>>);
+
+impl Frames<Dual64> {
+    fn real(&self) -> Vec<Frame<f64>> {
+        let one = |frame: &Frame<Dual64>| Frame {
+            axes: frame.axes.map(|row| row.map(|x| x.re)),
+            origin: frame.origin.map(|x| x.re),
+        };
+        self.0.iter().map(one).collect()
+    }
+}

@@ -1,0 +1,209 @@
+//! Rigid bodies in space: what a motion without muscles must conserve, and derivatives of everything that a spatial model adds.
+
+use nalgebra::{Matrix3, Vector3, Vector4};
+use rand::{RngExt, SeedableRng};
+use sinew::model::Model;
+use sinew::model::spatial::euler;
+use sinew::model::spatial::joint::PER_BODY;
+use sinew::skeleton::Girdle;
+use sinew::skeleton::file::SkeletonFile;
+
+use super::radau::forward;
+
+fn model(text: &str) -> Model {
+    let file: SkeletonFile = toml::from_str(text).unwrap();
+    Model::of_skeleton(std::sync::Arc::new(file.check().unwrap()), Girdle::Equilibrium)
+}
+
+fn body(name: &str, centre: &str, inertia: &str) -> String {
+    format!("[[body]]\nname = \"{name}\"\nmass = 1.5\ncentre_of_mass = {centre}\ninertia = {inertia}\n")
+}
+
+fn joint(name: &str, parent: &str, at: &str, child: &str, axes: &[(&str, &str)]) -> String {
+    let rotations: Vec<String> =
+        axes.iter().map(|(name, axis)| format!("{{ coordinate = \"{name}\", axis = {axis} }}")).collect();
+    let coordinates: String = axes.iter().map(|(name, _)| format!("[[coordinate]]\nname = \"{name}\"\n")).collect();
+    format!(
+        "[[joint]]\nname = \"{name}\"\nkind = \"axes\"\nparent = \"{parent}\"\nchild = \"{child}\"\nparent_point = {at}\nrotations = [{}]\n{coordinates}",
+        rotations.join(", ")
+    )
+}
+
+const HEAD: &str = "name = \"test\"\ndimensions = 3\n";
+const LONG: &str = "[0.05, 0.01, 0.05, 0.0, 0.0, 0.0]";
+const ODD: &str = "[0.03, 0.02, 0.04, 0.002, -0.003, 0.001]";
+
+/// A body on a ball joint.
+fn pendulum() -> Model {
+    let ball = joint("ball", "ground", "[0.0, 0.0, 0.0]", "rod", &[("a", X), ("b", Y), ("c", Z)]);
+    model(&[HEAD, &body("rod", "[0.0, -0.4, 0.0]", ODD), &ball].concat())
+}
+
+/// A symmetric body on its tip.
+fn top() -> Model {
+    let ball = joint("tip", "ground", "[0.0, 0.0, 0.0]", "top", &[("a", X), ("b", Y), ("c", Z)]);
+    model(&[HEAD, &body("top", "[0.0, 0.2, 0.0]", LONG), &ball].concat())
+}
+
+/// A ball joint, then a hinge askew.
+fn double_pendulum() -> Model {
+    let ball = joint("ball", "ground", "[0.1, 0.0, 0.0]", "upper", &[("a", X), ("b", Y), ("c", Z)]);
+    let hinge = joint("hinge", "upper", "[0.0, -0.5, 0.0]", "lower", &[("d", "[0.3, 0.2, 1.0]")]);
+    let bodies = [body("upper", "[0.0, -0.25, 0.0]", ODD), body("lower", "[0.02, -0.2, 0.0]", LONG)].concat();
+    model(&[HEAD, &bodies, &ball, &hinge].concat())
+}
+
+const X: &str = "[1.0, 0.0, 0.0]";
+const Y: &str = "[0.0, 1.0, 0.0]";
+const Z: &str = "[0.0, 0.0, 1.0]";
+
+fn angular_velocity(p: &[f64], rate: &[f64]) -> Vector3<f64> {
+    // ω′ = 2 L(p) ṗ by the definition: A(p)ᵀ dA/dt is the matrix of ω′×.
+    let columns = |x: &[f64; 3]| {
+        let slopes = euler::slopes(p, *x);
+        Vector3::from_fn(|i, _| (0..4).map(|k| slopes[k][i] * rate[k]).sum())
+    };
+    let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let turned = axes.map(|x| Vector3::from(euler::rotate(p, x)));
+    let moved = axes.map(|x| columns(&x));
+    Vector3::new(turned[2].dot(&moved[1]), turned[0].dot(&moved[2]), turned[1].dot(&moved[0]))
+}
+
+/// Energy (J), and the angular momentum about the vertical through the joint to the ground (N m s).
+fn conserved(model: &Model, state: &[f64], pivot: [f64; 3]) -> (f64, f64) {
+    let spatial = model.spatial().unwrap();
+    let nq = model.coordinates();
+    let (mut energy, mut momentum) = (0.0, 0.0);
+    for (b, body) in spatial.bodies.iter().enumerate() {
+        let part = |at: usize| &state[at + PER_BODY * b..at + PER_BODY * (b + 1)];
+        let (q, v) = (part(0), part(nq));
+        let (r, velocity) = (Vector3::from_column_slice(&q[..3]), Vector3::from_column_slice(&v[..3]));
+        let omega = angular_velocity(&q[3..], &v[3..]);
+        energy += 0.5 * body.mass * velocity.norm_squared() + 0.5 * omega.dot(&(body.inertia * omega));
+        energy += body.mass * 9.81 * r.y;
+        let spin = Vector3::from(euler::rotate(&q[3..], (body.inertia * omega).into()));
+        momentum += ((r - Vector3::from(pivot)).cross(&velocity) * body.mass + spin).y;
+    }
+    (energy, momentum)
+}
+
+/// State at rest but for angular velocities (body axes, rad/s), from the skeleton's pose.
+fn state(model: &Model, pose: &[f64], spins: &[[f64; 3]]) -> Vec<f64> {
+    let spatial = model.spatial().unwrap();
+    let q = spatial.coordinates_of(&spatial.skeleton.frames(pose), None);
+    let mut velocities = Vec::new();
+    let mut above: Option<(Vector3<f64>, Vector3<f64>, Vector3<f64>)> = None; // ω, velocity and place of the centre above
+    for (b, spin) in spins.iter().enumerate() {
+        let q = &q[PER_BODY * b..PER_BODY * (b + 1)];
+        let turn = |x: [f64; 3]| Vector3::from(euler::rotate(&q[3..], x));
+        let omega = turn(*spin);
+        let joint = &spatial.joints[spins.len() + b];
+        let centre = Vector3::from_column_slice(&q[..3]);
+        let pin = centre + turn(joint.child.point);
+        let pin_velocity = above.map_or_else(Vector3::zeros, |(w, v, r)| v + w.cross(&(pin - r)));
+        let velocity = pin_velocity + omega.cross(&(centre - pin));
+        // ṗ = ½ Lᵀ ω′
+        let p = Vector4::from_column_slice(&q[3..]);
+        let [e0, e1, e2, e3] = [p[0], p[1], p[2], p[3]];
+        let w = spin;
+        let rate = [
+            -0.5 * (e1 * w[0] + e2 * w[1] + e3 * w[2]),
+            0.5 * (e0 * w[0] - e3 * w[1] + e2 * w[2]),
+            0.5 * (e3 * w[0] + e0 * w[1] - e1 * w[2]),
+            0.5 * (-e2 * w[0] + e1 * w[1] + e0 * w[2]),
+        ];
+        velocities.extend(velocity.iter().copied().chain(rate));
+        above = Some((omega, velocity, centre));
+    }
+    q.into_iter().chain(velocities).collect()
+}
+
+#[test]
+fn pendulum_top_and_double_pendulum_conserve_energy_and_momentum_to_the_order_of_the_scheme() {
+    let hinge = Vector3::new(0.3, 0.2, 1.0).normalize();
+    let upper = Vector3::new(0.7, 1.2, 0.3);
+    // The lower body's spin is that of the upper one, in its own axes, and more about the hinge.
+    let turn = *nalgebra::Rotation3::new(hinge * 0.4).matrix();
+    let lower: [f64; 3] = (Matrix3::transpose(&turn) * upper + hinge * 1.5).into();
+    let (pendulum, top, double) = (pendulum(), top(), double_pendulum());
+    let cases = [
+        ("pendulum", &pendulum, state(&pendulum, &[0.6, 0.2, -0.3], &[[0.5, 2.0, 0.4]]), [0.0; 3]),
+        ("top", &top, state(&top, &[0.3, 0.0, 0.0], &[[0.2, 20.0, 0.0]]), [0.0; 3]),
+        ("double pendulum", &double, state(&double, &[0.5, 0.1, 0.2, 0.4], &[upper.into(), lower]), [0.1, 0.0, 0.0]),
+    ];
+    for (name, model, start, pivot) in cases {
+        let (energy, momentum) = conserved(model, &start, pivot);
+        let duration = if name == "top" { 0.08 } else { 0.2 };
+        for stages in 1..=3 {
+            let counts: [usize; 3] = if stages == 3 { [2, 4, 8] } else { [16, 32, 64] };
+            let errors = counts.map(|n| {
+                let end = forward(model, n, stages, (0.0, duration), start.clone());
+                let (e, m) = conserved(model, &end, pivot);
+                [((e - energy) / energy.abs().max(1.0)).abs(), ((m - momentum) / momentum.abs().max(1.0)).abs()]
+            });
+            for (what, k) in [("energy", 0), ("momentum", 1)] {
+                let error = errors.map(|e| e[k]);
+                let order = (error[1] / error[2]).log2();
+                println!("{name}, {stages} stage(s), {what}: {error:?}, order {order:.2}");
+                let textbook = (2 * stages - 1) as f64;
+                // At rounding level there is no order to see.
+                assert!(error[2] < 1e-11 || order > textbook - 0.4, "{name} {stages} {what} {error:?} {order}");
+            }
+            assert!(errors[2][0] < [2e-2, 1e-5, 1e-7][stages - 1], "{name}, {stages} stage(s): {errors:?}");
+        }
+    }
+}
+
+#[test]
+fn lengths_of_spatial_paths_have_their_derivatives() {
+    let text = std::fs::read_to_string(super::support::root().join("data/models/upper_limb.toml")).unwrap();
+    let file: SkeletonFile = toml::from_str(&text).unwrap();
+    let skeleton = std::sync::Arc::new(file.check().unwrap());
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(31);
+    let model = Model::of_skeleton(skeleton.clone(), Girdle::Equilibrium);
+    let spatial = model.spatial().unwrap();
+    let mut compared = 0;
+    for _ in 0..6 {
+        let mut pose = skeleton.default_pose();
+        for (name, value) in [("plane_elv", 0.4), ("shoulder_elv", 1.0), ("axial_rot", 0.3), ("elbow_flexion", 1.0)] {
+            pose[skeleton.coordinate(name).unwrap()] = value + rng.random_range(-0.4..0.4);
+        }
+        let q = spatial.coordinates_of(&skeleton.frames(&pose), None);
+        for muscle in &model.muscles {
+            let sinew::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
+            let evaluate = |q: &[f64]| {
+                let (mut exact, mut plain) = (muscle.path.buffer(), muscle.path.buffer());
+                let touched = path.length(q, true, &mut exact);
+                path.length(q, false, &mut plain);
+                assert!((exact.value - plain.value).abs() < 1e-12);
+                (exact, plain, touched)
+            };
+            let (exact, plain, touched) = evaluate(&q);
+            let n = path.slots.len();
+            for i in 0..n {
+                let gap = (exact.gradient[i] - plain.gradient[i]).abs();
+                assert!(gap < 1e-9, "{} {i}: {} {}", muscle.name, exact.gradient[i], plain.gradient[i]);
+                let e = 1e-6;
+                let shifted = |e: f64| {
+                    let mut q = q.clone();
+                    q[path.slots[i]] += e;
+                    evaluate(&q)
+                };
+                let (up, down) = (shifted(e), shifted(-e));
+                let slope = (up.0.value - down.0.value) / (2.0 * e);
+                assert!((slope - exact.gradient[i]).abs() < 1e-6, "{} {i} {slope} {}", muscle.name, exact.gradient[i]);
+                if up.2 != touched || down.2 != touched {
+                    continue;
+                }
+                for j in 0..n {
+                    let bend = (up.0.gradient[j] - down.0.gradient[j]) / (2.0 * e);
+                    let size = 1.0 + exact.hessian[i * n + i].abs().max(exact.hessian[j * n + j].abs());
+                    let value = exact.hessian[i * n + j];
+                    assert!((bend - value).abs() < 1e-6 * size, "{} {i} {j} {bend} {value} {touched:?}", muscle.name);
+                    compared += 1;
+                }
+            }
+        }
+    }
+    assert!(compared > 10_000, "{compared}");
+}
