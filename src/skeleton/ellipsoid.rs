@@ -40,8 +40,12 @@ pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contac
     }
     let found = ellipsoid
         .affine(&a, &b)
-        .and_then(|(first, length)| ellipsoid.taut(&a, &b, first, length))
-        .filter(|contact| contact.length > 0.0)
+        .and_then(|(first, length, all)| {
+            let contact = ellipsoid.taut(&a, &b, first, length)?;
+            let found = norm(&minus(&contact.first, &a)) + contact.length + norm(&minus(&b, &contact.last));
+            // The shortest way is no longer than any: not one that goes around more than once.
+            (contact.length > 0.0 && found <= all * (1.0 + 1e-3)).then_some(contact)
+        })
         .or_else(|| ellipsoid.string(&a, &b).and_then(|(first, length)| ellipsoid.taut(&a, &b, first, length)))?;
     let back = |x: &Vector| x.map(|x| x * unit_length);
     let Spread { along, turned, bent, kept } = found.spread;
@@ -107,8 +111,8 @@ impl Ellipsoid {
         Some((self.onto(&nodes[first]), length))
     }
 
-    /// First contact and length of the affine image of the way around the unit sphere.
-    fn affine(&self, a: &Vector, b: &Vector) -> Option<(Vector, f64)> {
+    /// First contact, length on the surface and length in all of the affine image of the way around the unit sphere.
+    fn affine(&self, a: &Vector, b: &Vector) -> Option<(Vector, f64, f64)> {
         let over = |x: &Vector| [0, 1, 2].map(|i| x[i] / self.radii[i]);
         let back = |x: &Vector| [0, 1, 2].map(|i| x[i] * self.radii[i]);
         let contact = around_sphere(1.0, &over(a), &over(b))?;
@@ -118,8 +122,10 @@ impl Ellipsoid {
             let (sin, cos) = (contact.length * k as f64 / NODES as f64).sin_cos();
             back(&along(&contact.first.map(|x| x * cos), sin, &across))
         };
-        let length = (0..NODES).map(|k| norm(&minus(&at(k + 1), &at(k)))).sum();
-        Some((back(&contact.first), length))
+        let length: f64 = (0..NODES).map(|k| norm(&minus(&at(k + 1), &at(k)))).sum();
+        let (first, last) = (back(&contact.first), back(&contact.last));
+        let all = norm(&minus(&first, a)) + length + norm(&minus(b, &last));
+        Some((first, length, all))
     }
 
     /// The geodesic of some length from `x` in the direction `t`; backwards for a negative length.

@@ -68,6 +68,38 @@ pub fn rotated<T: Scalar, const N: usize>(p: &[T], at: usize, s: [f64; 3]) -> [J
     out
 }
 
+/// A(p) s / pᵀp: a rotation for any p.
+pub fn turn(p: &[f64], s: [f64; 3]) -> [f64; 3] {
+    let square: f64 = p.iter().map(|x| x * x).sum();
+    rotate(p, s).map(|x| x / square)
+}
+
+/// The columns of [`turn`]'s derivative, `(∂A s/∂p_k − 2 p_k y)/pᵀp` with y the turned vector.
+pub fn turn_slopes(p: &[f64], s: [f64; 3]) -> [[f64; 3]; 4] {
+    let square: f64 = p.iter().map(|x| x * x).sum();
+    let (y, columns) = (turn(p, s), slopes(p, s));
+    [0, 1, 2, 3].map(|k| [0, 1, 2].map(|i| (columns[k][i] - 2.0 * p[k] * y[i]) / square))
+}
+
+/// [`turn`] as jets, p in the slots from `at` on: `y_kl = (∂²A s/∂p_k∂p_l − 2 p_k y_l − 2 p_l y_k − 2 δ_kl y)/pᵀp`.
+pub fn turned<const N: usize>(p: &[f64], at: usize, s: [f64; 3]) -> [Jet<f64, N>; 3] {
+    let square: f64 = p.iter().map(|x| x * x).sum();
+    let (y, first) = (turn(p, s), turn_slopes(p, s));
+    let mut out = y.map(Jet::constant);
+    for k in 0..4 {
+        for l in 0..4 {
+            let bend = bend(k, l, s);
+            for (i, jet) in out.iter_mut().enumerate() {
+                let same = if k == l { 2.0 * y[i] } else { 0.0 };
+                jet.hessian[at + k][at + l] =
+                    (bend[i] - 2.0 * p[k] * first[l][i] - 2.0 * p[l] * first[k][i] - same) / square;
+            }
+        }
+        out.iter_mut().enumerate().for_each(|(i, jet)| jet.gradient[at + k] = first[k][i]);
+    }
+    out
+}
+
 /// Euler parameters of a rotation matrix (rows), the sign with the largest entry positive.
 pub fn of_axes<T: Scalar>(axes: &[[T; 3]; 3]) -> [T; 4] {
     let r = |i: usize, j: usize| axes[i][j];

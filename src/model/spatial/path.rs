@@ -9,12 +9,14 @@
 //! ∂²L/∂q² = L_qq − L_qw L_ww⁻¹ L_wq        w across the way only
 //! ```
 //!
+//! Rotations are those of p/|p|, so that a length does not change with |p|, which only the constraints hold at 1.
+//!
 //! The length is C¹ and piecewise smooth: its second derivative jumps where contact comes or goes, nothing else does.
 
 use nalgebra::{DMatrix, Matrix2};
 use num_dual::Dual64;
 
-use super::euler::{self, rotated};
+use super::euler;
 use super::jet::{Jet, dot};
 use super::joint::{PER_BODY, Place};
 use crate::model::path::PathLength;
@@ -82,7 +84,7 @@ enum End {
 fn frame_of(q: &[f64], body: Option<usize>) -> Frame<f64> {
     let Some(body) = body else { return Frame::identity() };
     let q = &q[PER_BODY * body..PER_BODY * (body + 1)];
-    let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| euler::rotate(&q[3..], axis));
+    let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| euler::turn(&q[3..], axis));
     let axes = [0, 1, 2].map(|i| [columns[0][i], columns[1][i], columns[2][i]]);
     Frame { axes, origin: [q[0], q[1], q[2]] }
 }
@@ -90,7 +92,7 @@ fn frame_of(q: &[f64], body: Option<usize>) -> Frame<f64> {
 impl Elevation {
     fn value(&self, q: &[f64]) -> f64 {
         let turned = |body: Option<usize>, axis| {
-            body.map_or(axis, |b| euler::rotate(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], axis))
+            body.map_or(axis, |b| euler::turn(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], axis))
         };
         let [a, b] = [turned(self.parent, self.axes[0]), turned(self.child, self.axes[1])];
         let cosine = crate::skeleton::frame::dot(&a, &b) / self.cosine[0];
@@ -193,7 +195,7 @@ impl SpatialPath {
             let Some(at) = self.slot(body) else { return };
             let p = &q[self.slots[at] + 3..self.slots[at] + PER_BODY];
             (0..3).for_each(|i| out.gradient[at + i] += way[i]);
-            for (k, column) in euler::slopes(p, point).iter().enumerate() {
+            for (k, column) in euler::turn_slopes(p, point).iter().enumerate() {
                 out.gradient[at + 3 + k] += crate::skeleton::frame::dot(column, &way);
             }
         };
@@ -305,7 +307,7 @@ impl SpatialPath {
     /// A direction of a body, in the ground's axes.
     fn direction<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> [Jet<f64, N>; 3] {
         match (body, self.slot(body)) {
-            (Some(b), Some(at)) => rotated(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], at + 3, x),
+            (Some(b), Some(at)) => euler::turned(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], at + 3, x),
             _ => turned(q, body, x).map(Jet::constant),
         }
     }
@@ -404,7 +406,7 @@ impl SpatialPath {
 
 /// A direction of a body in the ground's axes.
 fn turned(q: &[f64], body: Option<usize>, x: Vector) -> Vector {
-    body.map_or(x, |b| euler::rotate(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], x))
+    body.map_or(x, |b| euler::turn(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], x))
 }
 
 /// |b − a|
