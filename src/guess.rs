@@ -173,11 +173,7 @@ fn all_coordinates(instant: &Instant<'_>, t: f64, q: &[f64]) -> Vec<f64> {
 }
 
 /// Normalised tendon forces and reactions (in total weights) of least activation at one instant of the motion q, q̇, q̈.
-fn share_load(
-    instant: &Instant<'_>,
-    t: f64,
-    [q, velocity, acceleration]: [&[f64]; 3],
-) -> Option<(Vec<f64>, Vec<f64>)> {
+fn share_load(instant: &Instant<'_>, t: f64, [q, velocity, acceleration]: [&[f64]; 3]) -> Option<(Vec<f64>, Vec<f64>)> {
     let model = instant.model;
     let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
     let all = all_coordinates(instant, t, q);

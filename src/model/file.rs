@@ -59,10 +59,7 @@ impl CurvesEntry {
     /// # Errors
     /// If a number is out of its range.
     pub fn check(&self) -> std::result::Result<ForceVelocity, Issue> {
-        let curve = ForceVelocity {
-            shortening: self.shortening_curvature,
-            eccentric_limit: self.eccentric_limit,
-        };
+        let curve = ForceVelocity { shortening: self.shortening_curvature, eccentric_limit: self.eccentric_limit };
         if !(curve.shortening > 0.0 && curve.shortening < 1.0) {
             return Err(Issue::new(
                 &["curves", "shortening_curvature"],

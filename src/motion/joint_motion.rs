@@ -73,7 +73,8 @@ impl JointMotion {
                 let mut axes = if hangs { moving[joint.child].axes } else { frame.axes };
                 if let Some(abduction) = abducted {
                     let against = frames[abduction.against];
-                    let axis = [0, 1, 2].map(|i| (0..3).map(|j| against.axes[i][j].re * abduction.axis[j]).sum::<f64>());
+                    let axis =
+                        [0, 1, 2].map(|i| (0..3).map(|j| against.axes[i][j].re * abduction.axis[j]).sum::<f64>());
                     let turn = Frame::rotation(axis, Dual64::from(self.abduction));
                     axes = (turn * Frame { axes, origin: frame.origin }).axes;
                 }

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 
+use super::MotionTable;
 use super::joint_motion::{JointMotion, Over};
 use super::surroundings::{Load, Surroundings};
-use super::MotionTable;
 use crate::model::assembly::CannotAssemble;
 use crate::model::planar::Planar;
 use crate::model::spatial::Spatial;

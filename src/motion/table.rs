@@ -221,7 +221,9 @@ impl MotionTable {
                     file.line_span(header.line),
                     format!("the external force `{force}` has {there} of its three columns"),
                     "in this header",
-                    Some(format!("add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or give the force in the model")),
+                    Some(format!(
+                        "add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or give the force in the model"
+                    )),
                 ));
             }
         }

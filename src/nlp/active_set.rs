@@ -18,7 +18,7 @@ const NEARLY: usize = 4;
 pub const SMALLEST_DAMPING: f64 = 1e-15;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Above this, guessing gives up: the convexified problem serves better.
-const EXACT_DAMPING: f64 = 1e-2;
+pub const EXACT_DAMPING: f64 = 1e-2;
 const RAISE: f64 = 5.0;
 
 /// The step and multipliers of the sub-problem.

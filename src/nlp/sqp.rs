@@ -23,7 +23,7 @@
 //! corrected by three more steps on the optimality conditions with the same factorisation, and is kept if it lowers the KKT error at no
 //! loss. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
 
-use super::active_set::{self, SMALLEST_DAMPING, Step};
+use super::active_set::{self, EXACT_DAMPING, SMALLEST_DAMPING, Step};
 use super::deadline::Deadline;
 use super::filter::{Filter, Verdict};
 use super::interior_point;
@@ -126,6 +126,10 @@ const FALL: f64 = 0.01;
 const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
+/// A KKT error above this is far from a solution.
+const FAR: f64 = 1.0;
+/// Tolerance of a convexified sub-problem there.
+const COARSELY: f64 = 1e-5;
 const CORRECTIONS: usize = 4;
 /// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
 const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
@@ -339,18 +343,21 @@ impl Sqp<'_> {
 
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
-        self.convexified = false;
+        let hopeless = std::mem::take(&mut self.convexified) && self.is_too_curved(damping.max(EXACT_DAMPING));
         if let Some(guess) = &self.active {
-            let mut exact = *damping;
-            let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
-            if let Ok(step) = found {
-                self.factorisations += step.factorisations;
-                *damping = exact;
-                return Ok(step);
+            if !hopeless {
+                let mut exact = *damping;
+                let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
+                if let Ok(step) = found {
+                    self.factorisations += step.factorisations;
+                    *damping = exact;
+                    return Ok(step);
+                }
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one.
-            for (curvature, most) in [(Curvature::Exact, self.most), (Curvature::Convex, f64::INFINITY)] {
+            let ways = [(Curvature::Exact, self.most), (Curvature::Convex, f64::INFINITY)];
+            for (curvature, most) in ways.into_iter().skip(usize::from(hopeless)) {
                 let hessian = match curvature {
                     Curvature::Exact => &self.hessian,
                     Curvature::Convex => {
@@ -360,7 +367,11 @@ impl Sqp<'_> {
                     }
                 };
                 let mut delta = *damping;
-                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
+                // Far from the solution, a model this coarse is not worth solving to the last digit.
+                let far = curvature == Curvature::Convex && self.here.kkt_error().largest() > FAR;
+                let tolerance = if far { COARSELY } else { interior_point::TOLERANCE };
+                let limits = interior_point::Limits { most, tolerance };
+                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, limits);
                 let Ok(mut step) = found else { continue };
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = *damping;
@@ -392,7 +403,21 @@ impl Sqp<'_> {
             inequality_values: &self.here.inequalities,
             deadline: self.settings.deadline,
         }
-        .solve()?;
+        .solve();
+        let solution = match solution {
+            Err(QpFailure::Numerical) => {
+                // Clarabel scales and pivots differently: what it cannot solve the own interior point may.
+                let mut delta = delta;
+                let (here, metric) = (&self.here, &self.metric);
+                let limits = interior_point::Limits { most: f64::INFINITY, tolerance: interior_point::TOLERANCE };
+                let step = interior_point::solve(self.kkt, here, &self.gauss_newton, metric, &mut delta, limits);
+                let step = step.map_err(|_| QpFailure::Numerical)?;
+                self.factorisations += step.factorisations;
+                *damping = delta;
+                return Ok(step);
+            }
+            other => other?,
+        };
         let mut slack = self.here.inequalities.clone();
         self.here.inequality_jacobian.add_product(1.0, &solution.step, &mut slack);
         Ok(Step {
@@ -403,6 +428,22 @@ impl Sqp<'_> {
             qp_iterations: solution.iterations,
             factorisations: 0,
         })
+    }
+
+    /// Whether the exact Hessian with damping δ is not positive definite where the last active constraints vanish. One that had to be
+    /// convexified is asked this first: each smaller δ would be tried in vain.
+    fn is_too_curved(&mut self, damping: f64) -> bool {
+        let Some(active) = &self.active else { return false };
+        let inertia = self.kkt.factorise(&KktValues {
+            hessian: &self.hessian,
+            metric: &self.metric,
+            damping,
+            equalities: &self.here.equality_jacobian,
+            inequalities: &self.here.inequality_jacobian,
+            rows: Rows::Active(active),
+        });
+        self.factorisations += 1;
+        !inertia.is_some_and(|inertia| self.kkt.is_right(inertia))
     }
 
     /// Backtracks along the step until the filter accepts.

@@ -82,7 +82,8 @@ struct Work {
     index: Vec<usize>,
     place: Vec<usize>,
     coupled: Vec<bool>,
-    columns: Vec<usize>,
+    done: Vec<Done>,
+    taken: Vec<usize>,
     target: Vec<usize>,
 }
 
@@ -142,7 +143,7 @@ impl StagedLdl {
         factors.pivots.clear();
         factors.rows.clear();
         factors.multipliers.clear();
-        let Work { front, carried, delayed, index, place, coupled, columns, target } = &mut self.work;
+        let Work { front, carried, delayed, index, place, coupled, done, taken, target } = &mut self.work;
         delayed.clear();
         carried.clear();
         let last = self.stages.len().saturating_sub(1);
@@ -194,7 +195,7 @@ impl StagedLdl {
                     }
                 }
             }
-            let k = eliminate(front, n, summed, s == last, index, factors, columns);
+            let k = eliminate(front, n, summed, s == last, index, factors, done, taken);
             carried.clear();
             for i in k..n {
                 carried.extend_from_slice(&front[i * n + k..(i + 1) * n]);
@@ -284,44 +285,96 @@ impl StagedLdl {
     }
 }
 
+/// A pivot of the front that is being eliminated: its first row there, and the inverse of its block.
+#[derive(Clone, Copy, Debug)]
+struct Done {
+    row: usize,
+    two: bool,
+    inverse: [f64; 3],
+}
+
+/// A front, the rows of which are brought up to date when they are looked at: each then stays in the fastest memory while the pivot
+/// rows pass by, and columns that are gone by then cost nothing.
+struct Front<'f> {
+    values: &'f mut [f64],
+    n: usize,
+    index: &'f mut [usize],
+    done: &'f mut Vec<Done>,
+    /// How many of the pivots done each row has taken in.
+    taken: &'f mut Vec<usize>,
+}
+
 /// Eliminates as many of the first `summed` unknowns as have an acceptable pivot, of the last front all. Returns their number.
 ///
 /// Compiled for each width of vector registers; without fused multiply–add, so that the numbers are the same on all.
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
 fn eliminate(
-    front: &mut [f64],
+    values: &mut [f64],
     n: usize,
     summed: usize,
     is_last: bool,
     index: &mut [usize],
     factors: &mut Factors,
-    columns: &mut Vec<usize>,
+    done: &mut Vec<Done>,
+    taken: &mut Vec<usize>,
 ) -> usize {
-    let mut k = 0;
+    done.clear();
+    taken.clear();
+    taken.resize(n, 0);
+    let mut front = Front { values, n, index, done, taken };
+    // The search goes on where it last ended: rows refused there are looked at again after all others.
+    let (mut k, mut from) = (0, 0);
     while k < summed {
-        let (c, partner) = match find_pivot(front, n, k, summed) {
+        let (c, partner) = match find_pivot(&mut front, k, summed, from) {
             Some(pivot) => pivot,
             None if !is_last => break,
             // Nothing is left to delay to: the largest diagonal entry, however small.
             None => {
-                let size = |i: usize| front[i * n + i].abs();
+                let size = |i: usize| front.values[i * n + i].abs();
                 ((k..summed).max_by(|&a, &b| size(a).total_cmp(&size(b))).unwrap_or(k), None)
             }
         };
-        swap(front, index, n, k, c);
+        swap(&mut front, k, c);
+        from = c + 1;
         match partner {
             None => {
-                eliminate_one(front, n, k, index, factors, columns);
+                eliminate_one(&mut front, k, factors);
                 k += 1;
             }
             Some(r) => {
-                swap(front, index, n, k + 1, if r == k { c } else { r });
-                eliminate_two(front, n, k, index, factors, columns);
+                swap(&mut front, k + 1, if r == k { c } else { r });
+                eliminate_two(&mut front, k, factors);
                 k += 2;
             }
         }
     }
+    (k..n).for_each(|row| update(&mut front, row, k));
     k
+}
+
+/// Takes into a row, from column k on, the pivots done since it was last looked at.
+#[inline(always)]
+fn update(front: &mut Front<'_>, row: usize, k: usize) {
+    let n = front.n;
+    let (above, rest) = front.values.split_at_mut(row * n);
+    let own = &mut rest[k..n];
+    for pivot in &front.done[front.taken[row]..] {
+        let first = &above[pivot.row * n..(pivot.row + 1) * n];
+        let [p, q, r] = pivot.inverse;
+        if pivot.two {
+            let second = &above[(pivot.row + 1) * n..(pivot.row + 2) * n];
+            let (x, y) = (first[row], second[row]);
+            if x != 0.0 || y != 0.0 {
+                let (l, m) = (p * x + q * y, q * x + r * y);
+                let pivot_rows = first[k..].iter().zip(&second[k..]);
+                own.iter_mut().zip(pivot_rows).for_each(|(z, (p, q))| *z -= l * p + m * q);
+            }
+        } else if first[row] != 0.0 {
+            let l = first[row] * p;
+            own.iter_mut().zip(&first[k..]).for_each(|(x, p)| *x -= l * p);
+        }
+    }
+    front.taken[row] = front.done.len();
 }
 
 /// Largest magnitude, eight at a time.
@@ -337,39 +390,44 @@ fn largest_of(values: &[f64]) -> f64 {
     lanes.iter().chain(rest).fold(0.0, |a, v| if v.abs() > a { v.abs() } else { a })
 }
 
+/// Largest entry of a row between two columns.
+#[inline(always)]
+fn span(row: &[f64], from: usize, to: usize) -> f64 {
+    largest_of(&row[from.min(to)..to])
+}
+
 /// Largest entry of row `c` among columns k … n but `c` and `but`.
 #[inline(always)]
-fn largest(front: &[f64], n: usize, k: usize, c: usize, but: usize) -> f64 {
-    let row = &front[c * n..(c + 1) * n];
+fn largest(front: &Front<'_>, k: usize, c: usize, but: usize) -> f64 {
+    let n = front.n;
+    let row = &front.values[c * n..(c + 1) * n];
     let (first, second) = (c.min(but), c.max(but));
-    let span = |from: usize, to: usize| largest_of(&row[from.min(to)..to]);
-    span(k, first).max(span((first + 1).max(k), second)).max(span((second + 1).max(k), n))
+    span(row, k, first).max(span(row, (first + 1).max(k), second)).max(span(row, (second + 1).max(k), n))
 }
 
 /// The column among k … summed but `c` where row `c` is largest.
 #[inline(always)]
-fn partner(front: &[f64], n: usize, k: usize, summed: usize, c: usize) -> Option<usize> {
-    let row = &front[c * n..(c + 1) * n];
-    let (mut best, mut size) = (None, 0.0);
-    for j in (k..c).chain(c + 1..summed) {
-        if row[j].abs() > size {
-            (best, size) = (Some(j), row[j].abs());
-        }
-    }
-    best
+fn partner(front: &Front<'_>, k: usize, summed: usize, c: usize) -> Option<usize> {
+    let row = &front.values[c * front.n..(c + 1) * front.n];
+    let size = span(row, k, c).max(span(row, c + 1, summed));
+    (size > 0.0).then(|| (k..summed).find(|&j| j != c && row[j].abs() == size))?
 }
 
-/// The next acceptable pivot among rows k … summed: one row, or two.
+/// The next acceptable pivot among rows k … summed, `from` on and around: one row, or two.
 #[inline(always)]
-fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize, Option<usize>)> {
-    for c in k..summed {
-        let a = front[c * n + c];
-        if a != 0.0 && a.abs() >= THRESHOLD * largest(front, n, k, c, c) {
+fn find_pivot(front: &mut Front<'_>, k: usize, summed: usize, from: usize) -> Option<(usize, Option<usize>)> {
+    let n = front.n;
+    let from = if from < summed { from.max(k) } else { k };
+    for c in (from..summed).chain(k..from) {
+        update(front, c, k);
+        let a = front.values[c * n + c];
+        if a != 0.0 && a.abs() >= THRESHOLD * largest(front, k, c, c) {
             return Some((c, None));
         }
-        let Some(r) = partner(front, n, k, summed, c) else { continue };
-        let (rest_c, rest_r) = (largest(front, n, k, c, r), largest(front, n, k, r, c));
-        let (b, d) = (front[c * n + r], front[r * n + r]);
+        let Some(r) = partner(front, k, summed, c) else { continue };
+        update(front, r, k);
+        let (rest_c, rest_r) = (largest(front, k, c, r), largest(front, k, r, c));
+        let (b, d) = (front.values[c * n + r], front.values[r * n + r]);
         let determinant = (a * d - b * b).abs();
         let growth = (d.abs() * rest_c + b.abs() * rest_r).max(b.abs() * rest_c + a.abs() * rest_r);
         if determinant > 0.0 && growth * THRESHOLD <= determinant {
@@ -381,89 +439,54 @@ fn find_pivot(front: &[f64], n: usize, k: usize, summed: usize) -> Option<(usize
 
 /// Exchanges rows and columns i and j ≥ i.
 #[inline(always)]
-fn swap(front: &mut [f64], index: &mut [usize], n: usize, i: usize, j: usize) {
+fn swap(front: &mut Front<'_>, i: usize, j: usize) {
     if i == j {
         return;
     }
-    index.swap(i, j);
-    let (head, tail) = front.split_at_mut(j * n);
+    let n = front.n;
+    front.index.swap(i, j);
+    front.taken.swap(i, j);
+    let (head, tail) = front.values.split_at_mut(j * n);
     head[i * n..(i + 1) * n].swap_with_slice(&mut tail[..n]);
-    front.chunks_exact_mut(n).for_each(|row| row.swap(i, j));
+    front.values.chunks_exact_mut(n).for_each(|row| row.swap(i, j));
 }
 
-/// Columns after `k` in which a pivot row is not zero. Few of them: rows and columns are skipped, not multiplied by zero.
+/// Row k is up to date and becomes a pivot; the rows below take it in later.
 #[inline(always)]
-fn nonzero(columns: &mut Vec<usize>, from: usize, is: impl Fn(usize) -> bool, n: usize) -> &[usize] {
-    columns.clear();
-    columns.extend((from..n).filter(|&j| is(j)));
-    columns
-}
-
-#[inline(always)]
-fn eliminate_one(
-    front: &mut [f64],
-    n: usize,
-    k: usize,
-    index: &[usize],
-    factors: &mut Factors,
-    columns: &mut Vec<usize>,
-) {
+fn eliminate_one(front: &mut Front<'_>, k: usize, factors: &mut Factors) {
     let Factors { pivots, rows, multipliers } = factors;
-    let d = front[k * n + k];
+    let row = &front.values[k * front.n..(k + 1) * front.n];
     // A zero pivot in a zero column: the unknown is left at zero.
-    let inverse = if d == 0.0 { 0.0 } else { 1.0 / d };
-    let (head, tail) = front.split_at_mut((k + 1) * n);
-    let pivot_row = &head[k * n..];
-    let columns = nonzero(columns, k + 1, |j| pivot_row[j] != 0.0, n);
-    let sparse = 3 * columns.len() < n - k;
-    for &i in columns {
-        let l = pivot_row[i] * inverse;
-        if l == 0.0 {
-            continue;
-        }
-        rows.push(index[i]);
-        multipliers.push([l, 0.0]);
-        let row = &mut tail[(i - k - 1) * n..(i - k) * n];
-        if sparse {
-            columns.iter().for_each(|&j| row[j] -= l * pivot_row[j]);
-        } else {
-            row[k + 1..].iter_mut().zip(&pivot_row[k + 1..]).for_each(|(x, p)| *x -= l * p);
+    let inverse = if row[k] == 0.0 { 0.0 } else { 1.0 / row[k] };
+    for j in k + 1..front.n {
+        let l = row[j] * inverse;
+        if l != 0.0 {
+            rows.push(front.index[j]);
+            multipliers.push([l, 0.0]);
         }
     }
-    pivots.push(Pivot { first: index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
+    pivots.push(Pivot { first: front.index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
+    front.done.push(Done { row: k, two: false, inverse: [inverse, 0.0, 0.0] });
 }
 
+/// The same of rows k and k + 1.
 #[inline(always)]
-fn eliminate_two(
-    front: &mut [f64],
-    n: usize,
-    k: usize,
-    index: &[usize],
-    factors: &mut Factors,
-    columns: &mut Vec<usize>,
-) {
+fn eliminate_two(front: &mut Front<'_>, k: usize, factors: &mut Factors) {
     let Factors { pivots, rows, multipliers } = factors;
-    let (a, b, d) = (front[k * n + k], front[k * n + k + 1], front[(k + 1) * n + k + 1]);
+    let n = front.n;
+    let (first, second) = front.values[k * n..(k + 2) * n].split_at(n);
+    let (a, b, d) = (first[k], first[k + 1], second[k + 1]);
     let determinant = a * d - b * b;
     let inverse = [d / determinant, -b / determinant, a / determinant];
-    let (head, tail) = front.split_at_mut((k + 2) * n);
-    let (first, second) = head[k * n..].split_at(n);
-    let columns = nonzero(columns, k + 2, |j| first[j] != 0.0 || second[j] != 0.0, n);
-    let sparse = 3 * columns.len() < n - k;
-    for &i in columns {
-        let (x, y) = (first[i], second[i]);
-        let (l, m) = (inverse[0] * x + inverse[1] * y, inverse[1] * x + inverse[2] * y);
-        rows.push(index[i]);
-        multipliers.push([l, m]);
-        let row = &mut tail[(i - k - 2) * n..(i - k - 1) * n];
-        if sparse {
-            columns.iter().for_each(|&j| row[j] -= l * first[j] + m * second[j]);
-        } else {
-            let pivot_rows = first[k + 2..].iter().zip(&second[k + 2..]);
-            row[k + 2..].iter_mut().zip(pivot_rows).for_each(|(z, (p, q))| *z -= l * p + m * q);
+    for j in k + 2..n {
+        let (x, y) = (first[j], second[j]);
+        if x != 0.0 || y != 0.0 {
+            rows.push(front.index[j]);
+            multipliers.push([inverse[0] * x + inverse[1] * y, inverse[1] * x + inverse[2] * y]);
         }
     }
-    pivots.push(Pivot { first: index[k], second: Some(index[k + 1]), inverse, end: rows.len() });
+    pivots.push(Pivot { first: front.index[k], second: Some(front.index[k + 1]), inverse, end: rows.len() });
+    front.done.push(Done { row: k, two: true, inverse });
 }
 
 #[cfg(test)]

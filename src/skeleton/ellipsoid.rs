@@ -24,7 +24,7 @@ use super::surface::{Contact, Spread, around_sphere};
 const NODES: usize = 24;
 const SWEEPS: usize = 400;
 /// Runge–Kutta steps along the geodesic.
-const STEPS: usize = 64;
+const STEPS: usize = 32;
 const NEWTON: usize = 40;
 const TOLERANCE: f64 = 1e-13;
 
@@ -189,8 +189,12 @@ impl Ellipsoid {
         let scale = norm(&minus(a, &now.first)).max(norm(&minus(b, &now.geodesic.end))).max(1e-3);
         let done = |trial: &Trial| {
             let Geodesic { end, spread, .. } = trial.geodesic;
-            (norm(&trial.residual) <= 1e-9 * scale)
-                .then_some(Contact { first: trial.first, last: end, length: trial.length, spread })
+            (norm(&trial.residual) <= 1e-9 * scale).then_some(Contact {
+                first: trial.first,
+                last: end,
+                length: trial.length,
+                spread,
+            })
         };
         for _ in 0..NEWTON {
             if norm(&now.residual) <= TOLERANCE * scale {

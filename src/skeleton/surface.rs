@@ -240,7 +240,11 @@ mod tests {
                     for j in 0..6 {
                         let bend = (up.1[j] - down.1[j]) / (2.0 * e);
                         let size = 1.0 + hessian[i][i].abs().max(hessian[j][j].abs());
-                        assert!((bend - hessian[i][j]).abs() < 1e-6 * size, "{shape:?} {i}{j} {bend} {}", hessian[i][j]);
+                        assert!(
+                            (bend - hessian[i][j]).abs() < 1e-6 * size,
+                            "{shape:?} {i}{j} {bend} {}",
+                            hessian[i][j]
+                        );
                     }
                 }
             }

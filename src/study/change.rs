@@ -18,7 +18,17 @@ pub struct ModelChange {
 }
 
 pub const GROUPS: [&str; 11] = [
-    "body", "joint", "muscle", "muscles", "force", "gravity", "curves", "surface", "coordinate", "held_point", "abduction",
+    "body",
+    "joint",
+    "muscle",
+    "muscles",
+    "force",
+    "gravity",
+    "curves",
+    "surface",
+    "coordinate",
+    "held_point",
+    "abduction",
 ];
 
 /// Whether a name of a study addresses the model and not a setting.
@@ -244,10 +254,8 @@ pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdl
     for change in changes {
         change.apply(&mut table)?;
     }
-    let no_file =
-        |e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file");
-    let wrong =
-        |i: Issue| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
+    let no_file = |e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file");
+    let wrong = |i: Issue| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
     if SkeletonFile::is_one(&table) {
         let file: SkeletonFile = table.try_into().map_err(no_file)?;
         return Ok(Model::of_skeleton(Arc::new(file.check().map_err(wrong)?), girdle.into()));

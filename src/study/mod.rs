@@ -246,7 +246,9 @@ fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file:
     let plain = Settings { motion: Vec::new(), time_scale: 1.0, ..base.clone() };
     let measured = crate::solve::motion_settings(&plain).joint_motion(motion, spatial);
     for &time in &motion.time {
-        let Some((gap, name)) = measured.gap(time - motion.start()).filter(|(gap, _)| *gap > LARGEST_GAP) else { continue };
+        let Some((gap, name)) = measured.gap(time - motion.start()).filter(|(gap, _)| *gap > LARGEST_GAP) else {
+            continue;
+        };
         let help = format!(
             "change the coordinates of the two bodies so that their points meet (to {} mm); the solver holds them together",
             1e3 * LARGEST_GAP

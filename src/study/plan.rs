@@ -318,7 +318,8 @@ impl<'m> Plan<'m> {
 
     /// The path of the first change without which the ones before it still make a model.
     fn culprit(&self, changes: &[ModelChange]) -> String {
-        let first = (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n], self.base.girdle).is_err());
+        let first =
+            (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n], self.base.girdle).is_err());
         first.map_or_else(String::new, |n| changes[n - 1].path.clone())
     }
 }

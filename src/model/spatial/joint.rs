@@ -174,9 +174,10 @@ impl Joint {
                 };
                 let dot = crate::skeleton::frame::dot;
                 match rotations.len() {
-                    0 => parts.extend([(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
-                        Part::Turn(in_parent(unit_axes[i]), in_child(unit_axes[j]), 0.0)
-                    })),
+                    0 => parts.extend(
+                        [(0, 1), (1, 2), (2, 0)]
+                            .map(|(i, j)| Part::Turn(in_parent(unit_axes[i]), in_child(unit_axes[j]), 0.0)),
+                    ),
                     1 => {
                         let axis = axis(rotations, 0);
                         let (a, b) = tangents(&axis);

@@ -97,8 +97,7 @@ impl Spatial {
             Role::Girdle => girdle != Girdle::Equilibrium,
         };
         // Who moves with whom: the root, and the frame in it.
-        let mut roots: Vec<(usize, Frame<f64>)> =
-            (0..skeleton.bodies.len()).map(|b| (b, Frame::identity())).collect();
+        let mut roots: Vec<(usize, Frame<f64>)> = (0..skeleton.bodies.len()).map(|b| (b, Frame::identity())).collect();
         let pose = skeleton.default_pose();
         for joint in &skeleton.joints {
             let Some(parent) = joint.parent else { continue };
@@ -146,7 +145,8 @@ impl Spatial {
         for held in &skeleton.held_points {
             let [a, b] = held.bodies.map(|b| places[b]);
             if is_free(Some(a.0)) || is_free(Some(b.0)) {
-                let place = |(body, frame): (usize, Frame<f64>), x: &Vector| Place { body: Some(body), point: frame.point(x) };
+                let place =
+                    |(body, frame): (usize, Frame<f64>), x: &Vector| Place { body: Some(body), point: frame.point(x) };
                 joints.push(Joint {
                     name: held.name.clone(),
                     parent: place(a, &held.points[0]),

@@ -278,9 +278,10 @@ impl SpatialPath {
         let free = DMatrix::from_fn(2 * joints, 2 * joints, |i, j| sum.hessian[n + i][n + j]);
         let mixed = DMatrix::from_fn(2 * joints, n, |i, j| sum.hessian[n + i][j]);
         let solved = if joints == 1 {
-            Matrix2::new(free[(0, 0)], free[(0, 1)], free[(1, 0)], free[(1, 1)]).try_inverse().map(|inv| inv * &mixed).map(|m| {
-                DMatrix::from_fn(2, n, |i, j| m[(i, j)])
-            })
+            Matrix2::new(free[(0, 0)], free[(0, 1)], free[(1, 0)], free[(1, 1)])
+                .try_inverse()
+                .map(|inv| inv * &mixed)
+                .map(|m| DMatrix::from_fn(2, n, |i, j| m[(i, j)]))
         } else {
             free.lu().solve(&mixed)
         };
@@ -296,7 +297,8 @@ impl SpatialPath {
     /// The moving coordinate as a jet.
     fn angle<const N: usize>(&self, by: &Elevation, q: &[f64]) -> Jet<f64, N> {
         let [c, offset] = by.cosine;
-        let f = dot(&self.direction(by.parent, by.axes[0], q), &self.direction(by.child, by.axes[1], q)).scaled(1.0 / c);
+        let f =
+            dot(&self.direction(by.parent, by.axes[0], q), &self.direction(by.child, by.axes[1], q)).scaled(1.0 / c);
         let x = f.value.clamp(-1.0, 1.0);
         let sine = (1.0 - x * x).max(1e-16).sqrt();
         let mut angle = Jet::compose(x.acos(), &[-1.0 / sine], &[[-x / sine.powi(3)]], &[f]);
