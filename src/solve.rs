@@ -95,8 +95,10 @@ fn solve_timed(
     // The start by inverse dynamics gives way to a better one.
     let warm = before.or(coarse.as_ref()).map(|answer| answer.start(&problem, scheme.as_ref()));
     let mut starts: Vec<Start> = warm.into_iter().collect();
+    let guess = || start_guess(&instant, scheme.as_ref(), points, &measurement);
+    let is_warm = !starts.is_empty();
     if starts.len() < settings.starts {
-        let Some(guess) = start_guess(&instant, scheme.as_ref(), points, &measurement) else {
+        let Some(guess) = guess() else {
             let reason = "the start guess by inverse dynamics is not finite";
             return (Outcome::failed(Status::NonFinite, reason), None);
         };
@@ -104,8 +106,13 @@ fn solve_timed(
         starts.extend(rest.map(|k| disturb(&guess, scheme.as_ref(), model, settings.seed, k).into()));
     }
     let mut kkt = Kkt::new(&problem);
-    let solve = |start| sqp::solve_with(&mut kkt, &problem, start, sqp_settings);
-    let runs: Vec<SqpOutcome> = starts.into_iter().map(solve).collect();
+    let mut solve = |start| sqp::solve_with(&mut kkt, &problem, start, sqp_settings);
+    let mut runs: Vec<SqpOutcome> = starts.into_iter().map(&mut solve).collect();
+    // A warm start that leads nowhere gives way to the one by inverse dynamics.
+    if is_warm && !deadline.passed() && runs.iter().all(|run| run.status != SqpStatus::Converged) {
+        let cold = guess().map(|guess| disturb(&guess, scheme.as_ref(), model, settings.seed, settings.first_start));
+        runs.extend(cold.map(|x| solve(x.into())));
+    }
     let solve_s = solved.elapsed().as_secs_f64();
     let best = best(&runs);
     let run = &runs[best];

@@ -4,18 +4,21 @@ mod check;
 mod compare;
 mod moment_arms;
 mod plan;
+mod rank;
 mod run;
 mod show;
 mod slurm;
 mod status;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::error::Error;
 use crate::error::Result;
 use crate::run::{RunOptions, Shard};
+use crate::tables::{Table, Writer};
 
 /// Parallel parameter studies of inverse musculoskeletal biomechanics: muscle loads, and whether they are unique.
 #[derive(Parser)]
@@ -156,6 +159,26 @@ A moment arm is −∂L/∂q of one coordinate alone, in m.")]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
+    /// Rank the muscles by how much they answer a change, against the job of a reference value
+    #[command(after_help = "Examples:
+  sinew rank results/pectoralis_slack --axis 'muscle.PectoralisMajor*.tendon_slack_length_scale' --reference 1
+  sinew rank results/mu_sweep --axis mu --reference 0.2 --measure mean_activation --out ranking.parquet")]
+    Rank {
+        /// Results folder
+        dir: PathBuf,
+        /// Swept name; jobs are compared that agree in all others
+        #[arg(long, value_name = "NAME")]
+        axis: String,
+        /// Its value in the job that others are compared with
+        #[arg(long, value_name = "VALUE")]
+        reference: String,
+        /// Column of muscles.parquet
+        #[arg(long, value_name = "COLUMN", default_value = "mean_force_n")]
+        measure: String,
+        /// File to write, .csv or .parquet, all muscles [default: the first ten of each job, to the terminal]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
     /// Look for mistakes in study, model and motion files
     #[command(after_help = "Examples:
   sinew check studies/table1.toml
@@ -193,6 +216,10 @@ pub fn main() -> ExitCode {
         }
         Command::Slurm(arguments) => slurm::slurm(&arguments),
         Command::MomentArms { model, poses, out } => moment_arms::moment_arms(&model, &poses, out.as_deref()),
+        Command::Rank { dir, axis, reference, measure, out } => rank::rank(
+            &dir,
+            &rank::Options { axis: &axis, reference: &reference, measure: &measure, out: out.as_deref() },
+        ),
         Command::Schema => {
             print(&format!("{:#}", crate::study::file::schema()));
             Ok(GOOD)
@@ -213,4 +240,34 @@ pub fn main() -> ExitCode {
 fn print(text: &str) {
     use std::io::Write;
     let _ = writeln!(std::io::stdout(), "{text}");
+}
+
+/// Writes a table to a file, by its ending CSV or Parquet (whose path comes back), or as CSV to the terminal.
+fn write_table<'p>(table: &Table, metadata: Vec<(String, String)>, out: Option<&'p Path>) -> Result<Option<&'p Path>> {
+    let Some(path) = out else {
+        print(csv(table)?.trim_end());
+        return Ok(None);
+    };
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("csv") => std::fs::write(path, csv(table)?).map_err(|e| Error::io("write", path, e))?,
+        Some("parquet") => {
+            let mut writer = Writer::new(path, metadata);
+            writer.append(table)?;
+            writer.finish()?;
+        }
+        _ => return Err(Error::table("write", path, "the file ends in .csv or .parquet")),
+    }
+    Ok(Some(path))
+}
+
+fn csv(table: &Table) -> Result<String> {
+    let failed = |e: csv::Error| Error::table("write", Path::new("CSV"), e);
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(table.columns.iter().map(|(name, _)| name)).map_err(failed)?;
+    for row in 0..table.rows() {
+        let fields = table.columns.iter().map(|(name, _)| table.display(name, row).unwrap_or_default());
+        writer.write_record(fields).map_err(failed)?;
+    }
+    let bytes = writer.into_inner().map_err(|e| Error::table("write", Path::new("CSV"), e))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }

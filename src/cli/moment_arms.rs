@@ -2,30 +2,19 @@
 
 use std::path::Path;
 
-use super::{GOOD, print};
-use crate::error::{Error, Result, SourceFile, nearest};
+use super::{GOOD, print, write_table};
+use crate::error::{Result, SourceFile, nearest};
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
-use crate::tables::{Table, Values, Writer};
+use crate::tables::{Table, Values};
 
 pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8> {
     let skeleton = SkeletonFile::load(&SourceFile::read(model)?)?;
     let poses = read_poses(&SourceFile::read(poses)?, &skeleton)?;
     let table = table(&skeleton, &poses);
-    match out {
-        None => print(csv(&table)?.trim_end()),
-        Some(path) => {
-            match path.extension().and_then(|e| e.to_str()) {
-                Some("csv") => std::fs::write(path, csv(&table)?).map_err(|e| Error::io("write", path, e))?,
-                Some("parquet") => {
-                    let mut writer = Writer::new(path, vec![("sinew.model".to_owned(), skeleton.name.clone())]);
-                    writer.append(&table)?;
-                    writer.finish()?;
-                }
-                _ => return Err(Error::table("write", path, "the file ends in .csv or .parquet")),
-            }
-            print(&format!("{} pose(s), {} muscle(s): {}", poses.len(), skeleton.muscles.len(), path.display()));
-        }
+    let metadata = vec![("sinew.model".to_owned(), skeleton.name.clone())];
+    if let Some(path) = write_table(&table, metadata, out)? {
+        print(&format!("{} pose(s), {} muscle(s): {}", poses.len(), skeleton.muscles.len(), path.display()));
     }
     Ok(GOOD)
 }
@@ -109,16 +98,4 @@ fn table(skeleton: &Skeleton, poses: &[Vec<f64>]) -> Table {
     let names = angles.iter().map(|&k| format!("moment_arm_{}_m", skeleton.coordinates[k].name));
     columns.extend(names.zip(arms.into_iter().map(Values::Number)));
     Table { name: "moment_arms", columns }
-}
-
-fn csv(table: &Table) -> Result<String> {
-    let failed = |e: csv::Error| Error::table("write", Path::new("CSV"), e);
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(table.columns.iter().map(|(name, _)| name)).map_err(failed)?;
-    for row in 0..table.rows() {
-        let fields = table.columns.iter().map(|(name, _)| table.display(name, row).unwrap_or_default());
-        writer.write_record(fields).map_err(failed)?;
-    }
-    let bytes = writer.into_inner().map_err(|e| Error::table("write", Path::new("CSV"), e))?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }

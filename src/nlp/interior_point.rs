@@ -22,16 +22,8 @@ use crate::numerics::sparse::Sparse;
 const ITERATIONS: usize = 40;
 /// Fraction of the way to the boundary.
 const TO_BOUNDARY: f64 = 0.995;
-/// Of the residuals, relative to the gradient.
-pub const TOLERANCE: f64 = 1e-9;
+const TOLERANCE: f64 = 1e-9;
 const LEAST_SLACK: f64 = 1e-2;
-
-/// How far the damping may rise, and how small the residuals must become.
-#[derive(Clone, Copy, Debug)]
-pub struct Limits {
-    pub most: f64,
-    pub tolerance: f64,
-}
 
 /// Solves the sub-problem at `here`; `damping` is raised as far as the inertia asks for, up to `most`, and left there.
 pub fn solve(
@@ -40,7 +32,7 @@ pub fn solve(
     hessian: &Sparse,
     metric: &Sparse,
     damping: &mut f64,
-    Limits { most, tolerance }: Limits,
+    most: f64,
 ) -> Result<Step, NoStep> {
     let (n, me, mi) = (here.x.len(), here.equalities.len(), here.inequalities.len());
     let largest = |values: &[f64]| values.iter().fold(0.0f64, |a, v| a.max(v.abs()));
@@ -63,10 +55,10 @@ pub fn solve(
         let mut slack: Vec<f64> = here.inequalities.iter().zip(&s).map(|(b, s)| b - s).collect();
         here.inequality_jacobian.add_product(1.0, &d, &mut slack);
         let mu = s.iter().zip(&nu).map(|(s, nu)| s * nu).sum::<f64>() / mi.max(1) as f64;
-        let done = largest(&dual) <= tolerance * scale
-            && largest(&primal) <= tolerance
-            && largest(&slack) <= tolerance
-            && mu <= tolerance * scale * 1e-2;
+        let done = largest(&dual) <= TOLERANCE * scale
+            && largest(&primal) <= TOLERANCE
+            && largest(&slack) <= TOLERANCE
+            && mu <= TOLERANCE * scale * 1e-2;
         if done {
             return Ok(Step {
                 active: s.iter().zip(&nu).map(|(s, nu)| s * scale < *nu).collect(),

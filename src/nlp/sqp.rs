@@ -126,10 +126,6 @@ const FALL: f64 = 0.01;
 const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
-/// A KKT error above this is far from a solution.
-const FAR: f64 = 1.0;
-/// Tolerance of a convexified sub-problem there.
-const COARSELY: f64 = 1e-5;
 const CORRECTIONS: usize = 4;
 /// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
 const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
@@ -367,11 +363,7 @@ impl Sqp<'_> {
                     }
                 };
                 let mut delta = *damping;
-                // Far from the solution, a model this coarse is not worth solving to the last digit.
-                let far = curvature == Curvature::Convex && self.here.kkt_error().largest() > FAR;
-                let tolerance = if far { COARSELY } else { interior_point::TOLERANCE };
-                let limits = interior_point::Limits { most, tolerance };
-                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, limits);
+                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
                 let Ok(mut step) = found else { continue };
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = *damping;
@@ -409,8 +401,7 @@ impl Sqp<'_> {
                 // Clarabel scales and pivots differently: what it cannot solve the own interior point may.
                 let mut delta = delta;
                 let (here, metric) = (&self.here, &self.metric);
-                let limits = interior_point::Limits { most: f64::INFINITY, tolerance: interior_point::TOLERANCE };
-                let step = interior_point::solve(self.kkt, here, &self.gauss_newton, metric, &mut delta, limits);
+                let step = interior_point::solve(self.kkt, here, &self.gauss_newton, metric, &mut delta, f64::INFINITY);
                 let step = step.map_err(|_| QpFailure::Numerical)?;
                 self.factorisations += step.factorisations;
                 *damping = delta;

@@ -24,7 +24,7 @@ use super::surface::{Contact, Spread, around_sphere};
 const NODES: usize = 24;
 const SWEEPS: usize = 400;
 /// Runge–Kutta steps along the geodesic.
-const STEPS: usize = 32;
+const STEPS: usize = 48;
 const NEWTON: usize = 40;
 const TOLERANCE: f64 = 1e-13;
 

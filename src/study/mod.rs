@@ -147,7 +147,11 @@ fn check_name(name: &str) -> std::result::Result<(), Issue> {
 
 /// The declared ratios with their muscles by name.
 fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, Issue> {
-    let names: Vec<&str> = model.muscles.iter().map(|muscle| muscle.name.as_str()).collect();
+    // Which muscles act on something may differ between jobs: any of the file's may be named.
+    let names: Vec<&str> = match model.spatial() {
+        Some(spatial) => spatial.skeleton.muscles.iter().map(|muscle| muscle.name.as_str()).collect(),
+        None => model.muscles.iter().map(|muscle| muscle.name.as_str()).collect(),
+    };
     let muscles = |index: usize, key: &str, patterns: &OneOrMany<String>| {
         let mut found: Vec<String> = Vec::new();
         for pattern in &patterns.0 {

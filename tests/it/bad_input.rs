@@ -194,12 +194,7 @@ fn mistakes() -> Vec<Mistake> {
         ),
         model("unknown model key", "mass =", "mas =", &["arm.toml", "unknown field `mas`", "did you mean `mass`"]),
         model("negative mass", "mass = ", "mass = -", &["body.upper_arm.mass", "found -", "positive number (kg)"]),
-        model(
-            "a spatial model",
-            "name = ",
-            "dimensions = 3\nname = ",
-            &["arm.toml", "cannot solve spatial models yet"],
-        ),
+        model("a spatial model", "name = ", "dimensions = 3\nname = ", &["arm.toml", "expected an array of length 3"]),
         model(
             "unknown body",
             "child = \"forearm\"",

@@ -207,3 +207,207 @@ fn lengths_of_spatial_paths_have_their_derivatives() {
     }
     assert!(compared > 10_000, "{compared}");
 }
+
+/// The upper limb in double poling, as a job sees it.
+fn poling(girdle: &str, more: &str) -> sinew::study::Study {
+    let root = super::support::root().display();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("study.toml");
+    let text = format!(
+        "name = \"poling\"\nmodel = \"{root}/data/models/upper_limb.toml\"\nmotion = \"{root}/data/motions/double_poling.csv\"\n[base]\ngirdle = \"{girdle}\"\nh = 0.1\nregularity = \"off\"\nbounds = \"both_boxed\"\n{more}"
+    );
+    std::fs::write(&path, text).unwrap();
+    sinew::study::Study::load(&path).unwrap()
+}
+
+#[test]
+fn equations_of_every_girdle_have_their_derivatives() {
+    use sinew::solve::{discretise, motion_settings};
+    use sinew::transcription::instant::{ACTIVATION, EXCITATION, InstantMultipliers, LENGTH};
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(41);
+    for girdle in ["fixed", "prescribed", "equilibrium"] {
+        let study = poling(girdle, "");
+        let job = &study.jobs[0];
+        let model = study.model_of(job).unwrap();
+        let motion = motion_settings(&job.settings);
+        let measurement = motion.measure(&study.motion, &model, job.points).unwrap();
+        let (instant, _) = discretise(&model, &job.settings, job.points, study.motion.duration());
+        let instant = instant.within(std::sync::Arc::new(motion.surroundings(&study.motion, &model)));
+        let (nz, rows, nm, nq) = (instant.variables(), instant.equations(), model.muscles.len(), model.coordinates());
+        let t = measurement.times[5];
+        let mut z: Vec<f64> = (0..nz).map(|_| rng.random_range(-0.2..0.2)).collect();
+        for i in 0..nq {
+            z[i] = measurement.coordinates[5][i] + rng.random_range(-0.005..0.005);
+        }
+        for m in 0..nm {
+            let at = instant.muscle(m);
+            z[at + ACTIVATION] = rng.random_range(0.1..1.0);
+            z[at + LENGTH] = rng.random_range(0.7..1.2);
+            z[at + EXCITATION] = rng.random_range(0.1..1.0);
+        }
+        let lambda: Vec<f64> = (0..rows).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let jacobian = |z: &[f64]| {
+            let (mut out, mut force) = (vec![0.0; rows * nz], vec![[0.0; 3]; nm]);
+            instant.jacobian(t, z, &mut out, &mut force);
+            out
+        };
+        let exact = jacobian(&z);
+        let mut hessian = vec![0.0; nz * nz];
+        instant.hessian(t, &z, InstantMultipliers { equations: &lambda, force: &[] }, &mut hessian);
+        let (first, second) = (instant.jacobian_pattern(), instant.hessian_pattern());
+        for j in (0..nz).filter(|j| *j < nq || j % 7 == 0 || *j >= instant.reaction(0)) {
+            let e = 1e-6;
+            let at = |s: f64| {
+                let mut y = z.clone();
+                y[j] += s;
+                let mut residual = vec![0.0; rows];
+                instant.residual(t, &y, &mut residual);
+                let slopes = jacobian(&y);
+                let gradient: Vec<f64> =
+                    (0..nz).map(|k| (0..rows).map(|i| lambda[i] * slopes[i * nz + k]).sum()).collect();
+                (residual, gradient)
+            };
+            let ((up, gradient_up), (down, gradient_down)) = (at(e), at(-e));
+            for i in 0..rows {
+                let (slope, value) = ((up[i] - down[i]) / (2.0 * e), exact[i * nz + j]);
+                assert!((slope - value).abs() < 1e-6 * (1.0 + value.abs()), "{girdle} {i} {j}: {slope} {value}");
+                assert!(value == 0.0 || first.contains(&(i, j)), "{girdle}: pattern misses {i} {j}");
+            }
+            for i in 0..nz {
+                let (bend, value) = ((gradient_up[i] - gradient_down[i]) / (2.0 * e), hessian[i * nz + j]);
+                // Third derivatives of wrapped paths are differences themselves.
+                assert!((bend - value).abs() < 1e-4 * (1.0 + value.abs()), "{girdle} {i} {j}: {bend} {value}");
+                assert!(value == 0.0 || second.contains(&(i, j)), "{girdle}: pattern misses {i} {j}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
+    use sinew::solve::{discretise, motion_settings, solve};
+    for girdle in ["fixed", "prescribed", "equilibrium"] {
+        let study = poling(girdle, "\"motion.abduction_offset_deg\" = 12.0\ntrajectories = true\n");
+        let job = &study.jobs[0];
+        let model = study.model_of(job).unwrap();
+        let motion = motion_settings(&job.settings);
+        let measurement = motion.measure(&study.motion, &model, 61).unwrap();
+        let (instant, _) = discretise(&model, &job.settings, job.points, study.motion.duration());
+        let instant = instant.within(std::sync::Arc::new(motion.surroundings(&study.motion, &model)));
+        let mut z = vec![0.0; instant.variables()];
+        for (t, q) in measurement.times.iter().zip(&measurement.coordinates) {
+            z[..q.len()].copy_from_slice(q);
+            let all = instant.coordinates(*t, &z);
+            model.mechanics.constraint_functions(&all, |row, _, value: f64, _, _| {
+                assert!(value.abs() < 1e-6, "{girdle}: constraint {row} is {value} at {t} s");
+            });
+        }
+        // The abduction asked for is that reached, on top of the 30 degrees of the motion.
+        z[..measurement.coordinates[0].len()].copy_from_slice(&measurement.coordinates[60]);
+        let spatial = model.spatial().unwrap();
+        let reached = spatial.abduction_reached(&instant.coordinates(measurement.times[60], &z)).unwrap();
+        let plain = poling(girdle, "");
+        let before = motion_settings(&plain.jobs[0].settings).measure(&study.motion, &model, 61).unwrap();
+        z[..before.coordinates[60].len()].copy_from_slice(&before.coordinates[60]);
+        let without = spatial.abduction_reached(&instant.coordinates(before.times[60], &z)).unwrap();
+        assert!((reached - without - 12f64.to_radians()).abs() < 1e-6, "{girdle}: {reached} {without}");
+        if girdle != "equilibrium" {
+            let outcome = solve(&model, &study.motion, &job.settings, job.points);
+            assert_eq!(outcome.job.status, sinew::outcome::Status::Converged, "{girdle}: {:?}", outcome.job.error);
+            assert!(outcome.job.max_activation.unwrap() <= 1.0 + 1e-9);
+            assert!(outcome.job.tracking_rms_m.unwrap() < 0.03);
+            assert!(outcome.trajectories.iter().any(|row| row.name == "abduction"));
+        }
+    }
+}
+
+#[test]
+fn mistakes_in_spatial_studies_are_named() {
+    let root = super::support::root().display();
+    let motion = std::fs::read_to_string(super::support::root().join("data/motions/double_poling.csv")).unwrap();
+    let header = motion.lines().find(|line| line.starts_with("time")).unwrap();
+    let drop_column = |name: &str| motion.replace(header, &header.replace(name, &format!("#{name}")));
+    let at = header.split(',').position(|name| name == "clav_elev_deg").unwrap();
+    // The clavicle raised by 10 degrees, the scapula not.
+    let raised: String = motion
+        .lines()
+        .map(|line| {
+            let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if let Some(value) =
+                fields.get(at).filter(|_| !line.starts_with(['#', 't'])).and_then(|f| f.parse::<f64>().ok())
+            {
+                fields[at] = (value + 10.0).to_string();
+            }
+            fields.join(",") + "\n"
+        })
+        .collect();
+    let cases = [
+        ("the thesis' scheme", "scheme = \"midpoint\"", motion.clone(), vec!["base.scheme", "radau"]),
+        ("an unknown girdle", "girdle = \"free\"", motion.clone(), vec!["base.girdle", "equilibrium"]),
+        (
+            "a coordinate that is missing",
+            "",
+            motion.replace("elbow_flexion_deg", "elbow_deg"),
+            vec!["elbow_deg", "did you mean"],
+        ),
+        ("a force of two columns", "", drop_column("pole_z_n"), vec!["pole_z_n"]),
+        ("a motion that tears the shoulder apart", "", raised, vec!["acromioclavicular", "mm apart"]),
+        ("an unknown muscle", "\"muscle.TeresMayor.max_isometric_force\" = 3.0", motion, vec!["TeresMajor"]),
+    ];
+    for (what, line, motion, expected) in cases {
+        let folder = super::support::folder(&[]);
+        std::fs::write(folder.path().join("motion.csv"), motion).unwrap();
+        let text = format!(
+            "name = \"x\"\nmodel = \"{root}/data/models/upper_limb.toml\"\nmotion = \"motion.csv\"\n[base]\n{line}\n"
+        );
+        let study = folder.path().join("study.toml");
+        std::fs::write(&study, text).unwrap();
+        let output = super::cli::sinew(&["plan", study.to_str().unwrap()], folder.path());
+        let said = super::cli::text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{what}: {said}");
+        for part in expected {
+            assert!(said.contains(part), "{what}: `{part}` is not in: {said}");
+        }
+    }
+}
+
+#[test]
+fn muscles_are_ranked_by_their_answer_to_a_change() {
+    let root = super::support::root().display();
+    let folder = super::support::folder(&[]);
+    let study = folder.path().join("study.toml");
+    let text = format!(
+        "name = \"x\"\nmodel = \"{root}/data/models/arm.toml\"\nmotion = \"{root}/data/motions/arm_curl.csv\"\n[sweep.grid]\nmu = [0.2, 0.4]\n\"muscle.biceps.tendon_slack_length_scale\" = [1.0, 0.9]\n"
+    );
+    std::fs::write(&study, text).unwrap();
+    let out = folder.path().join("out");
+    let (study, out) = (study.to_str().unwrap(), out.to_str().unwrap());
+    assert_eq!(super::cli::sinew(&["run", study, "--out", out], folder.path()).status.code(), Some(0));
+    let csv = folder.path().join("ranking.csv");
+    let axis = "muscle.biceps.tendon_slack_length_scale";
+    let rank = |reference: &str| {
+        super::cli::sinew(
+            &["rank", out, "--axis", axis, "--reference", reference, "--out", csv.to_str().unwrap()],
+            folder.path(),
+        )
+    };
+    assert_eq!(rank("1").status.code(), Some(0));
+    let table = std::fs::read_to_string(&csv).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    let column = |name: &str| rows[0].iter().position(|head| *head == name).unwrap();
+    assert_eq!(rows.len(), 1 + 2 * 5, "{table}");
+    let change = |row: &[&str]| row[column("change_mean_force_n")].parse::<f64>().unwrap();
+    for block in rows[1..].chunks(5) {
+        assert!(block.windows(2).all(|w| change(&w[0]).abs() >= change(&w[1]).abs()), "{table}");
+        let biceps = block.iter().find(|row| row[column("muscle")] == "biceps").unwrap();
+        assert!(change(biceps).abs() > 0.0);
+        for row in block {
+            let [before, after] =
+                ["reference_mean_force_n", "mean_force_n"].map(|name| row[column(name)].parse::<f64>().unwrap());
+            assert!((after - before - change(row)).abs() < 1e-9);
+        }
+    }
+    let refused = rank("0.5");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(super::cli::text(&refused.stderr).contains("there is: 1, 0.9"), "{}", super::cli::text(&refused.stderr));
+}
