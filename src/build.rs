@@ -4,12 +4,13 @@
 use std::path::{Path, PathBuf};
 
 /// Of `src/`: what turns a job into numbers.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 11] = [
     "guess.rs",
     "model",
     "motion",
     "nlp",
     "numerics",
+    "skeleton",
     "solution.rs",
     "solve.rs",
     "transcription",

@@ -82,8 +82,7 @@ struct Work {
     index: Vec<usize>,
     place: Vec<usize>,
     coupled: Vec<bool>,
-    done: Vec<Done>,
-    taken: Vec<usize>,
+    progress: Progress,
     target: Vec<usize>,
 }
 
@@ -143,7 +142,7 @@ impl StagedLdl {
         factors.pivots.clear();
         factors.rows.clear();
         factors.multipliers.clear();
-        let Work { front, carried, delayed, index, place, coupled, done, taken, target } = &mut self.work;
+        let Work { front, carried, delayed, index, place, coupled, progress, target } = &mut self.work;
         delayed.clear();
         carried.clear();
         let last = self.stages.len().saturating_sub(1);
@@ -195,7 +194,7 @@ impl StagedLdl {
                     }
                 }
             }
-            let k = eliminate(front, n, summed, s == last, index, factors, done, taken);
+            let k = eliminate(front, n, summed, s == last, index, factors, progress);
             carried.clear();
             for i in k..n {
                 carried.extend_from_slice(&front[i * n + k..(i + 1) * n]);
@@ -293,15 +292,21 @@ struct Done {
     inverse: [f64; 3],
 }
 
+/// What has been eliminated of a front.
+#[derive(Clone, Debug, Default)]
+struct Progress {
+    done: Vec<Done>,
+    /// How many of the pivots done each row has taken in.
+    taken: Vec<usize>,
+}
+
 /// A front, the rows of which are brought up to date when they are looked at: each then stays in the fastest memory while the pivot
 /// rows pass by, and columns that are gone by then cost nothing.
 struct Front<'f> {
     values: &'f mut [f64],
     n: usize,
     index: &'f mut [usize],
-    done: &'f mut Vec<Done>,
-    /// How many of the pivots done each row has taken in.
-    taken: &'f mut Vec<usize>,
+    progress: &'f mut Progress,
 }
 
 /// Eliminates as many of the first `summed` unknowns as have an acceptable pivot, of the last front all. Returns their number.
@@ -315,13 +320,12 @@ fn eliminate(
     is_last: bool,
     index: &mut [usize],
     factors: &mut Factors,
-    done: &mut Vec<Done>,
-    taken: &mut Vec<usize>,
+    progress: &mut Progress,
 ) -> usize {
-    done.clear();
-    taken.clear();
-    taken.resize(n, 0);
-    let mut front = Front { values, n, index, done, taken };
+    progress.done.clear();
+    progress.taken.clear();
+    progress.taken.resize(n, 0);
+    let mut front = Front { values, n, index, progress };
     // The search goes on where it last ended: rows refused there are looked at again after all others.
     let (mut k, mut from) = (0, 0);
     while k < summed {
@@ -358,7 +362,7 @@ fn update(front: &mut Front<'_>, row: usize, k: usize) {
     let n = front.n;
     let (above, rest) = front.values.split_at_mut(row * n);
     let own = &mut rest[k..n];
-    for pivot in &front.done[front.taken[row]..] {
+    for pivot in &front.progress.done[front.progress.taken[row]..] {
         let first = &above[pivot.row * n..(pivot.row + 1) * n];
         let [p, q, r] = pivot.inverse;
         if pivot.two {
@@ -374,7 +378,7 @@ fn update(front: &mut Front<'_>, row: usize, k: usize) {
             own.iter_mut().zip(&first[k..]).for_each(|(x, p)| *x -= l * p);
         }
     }
-    front.taken[row] = front.done.len();
+    front.progress.taken[row] = front.progress.done.len();
 }
 
 /// Largest magnitude, eight at a time.
@@ -445,7 +449,7 @@ fn swap(front: &mut Front<'_>, i: usize, j: usize) {
     }
     let n = front.n;
     front.index.swap(i, j);
-    front.taken.swap(i, j);
+    front.progress.taken.swap(i, j);
     let (head, tail) = front.values.split_at_mut(j * n);
     head[i * n..(i + 1) * n].swap_with_slice(&mut tail[..n]);
     front.values.chunks_exact_mut(n).for_each(|row| row.swap(i, j));
@@ -466,7 +470,7 @@ fn eliminate_one(front: &mut Front<'_>, k: usize, factors: &mut Factors) {
         }
     }
     pivots.push(Pivot { first: front.index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
-    front.done.push(Done { row: k, two: false, inverse: [inverse, 0.0, 0.0] });
+    front.progress.done.push(Done { row: k, two: false, inverse: [inverse, 0.0, 0.0] });
 }
 
 /// The same of rows k and k + 1.
@@ -486,7 +490,7 @@ fn eliminate_two(front: &mut Front<'_>, k: usize, factors: &mut Factors) {
         }
     }
     pivots.push(Pivot { first: front.index[k], second: Some(front.index[k + 1]), inverse, end: rows.len() });
-    front.done.push(Done { row: k, two: true, inverse });
+    front.progress.done.push(Done { row: k, two: true, inverse });
 }
 
 #[cfg(test)]

@@ -51,7 +51,7 @@ pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contac
     let Spread { along, turned, bent, kept } = found.spread;
     let spread = Spread { along, turned: turned * unit_length, bent: bent / unit_length, kept };
     let (first, last) = (back(&found.first), back(&found.last));
-    (found.length > 0.0).then(|| Contact { first, last, length: found.length * unit_length, spread })
+    (found.length > 0.0).then_some(Contact { first, last, length: found.length * unit_length, spread })
 }
 
 struct Ellipsoid {

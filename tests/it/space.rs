@@ -236,9 +236,8 @@ fn equations_of_every_girdle_have_their_derivatives() {
         let (nz, rows, nm, nq) = (instant.variables(), instant.equations(), model.muscles.len(), model.coordinates());
         let t = measurement.times[5];
         let mut z: Vec<f64> = (0..nz).map(|_| rng.random_range(-0.2..0.2)).collect();
-        for i in 0..nq {
-            z[i] = measurement.coordinates[5][i] + rng.random_range(-0.005..0.005);
-        }
+        let measured = measurement.coordinates[5].iter();
+        z.iter_mut().zip(measured).for_each(|(z, q)| *z = q + rng.random_range(-0.005..0.005));
         for m in 0..nm {
             let at = instant.muscle(m);
             z[at + ACTIVATION] = rng.random_range(0.1..1.0);
