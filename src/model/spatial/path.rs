@@ -25,7 +25,7 @@ use crate::skeleton::path::contacts;
 use crate::skeleton::surface::{Contact, Shape, tangents};
 
 /// Size of the step along a direction in which third derivatives are taken by differences.
-const STEP: f64 = 1e-5;
+const STEP: f64 = 2e-6;
 
 #[derive(Clone, Debug)]
 pub struct SpatialPath {
