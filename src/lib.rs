@@ -10,7 +10,7 @@
 //!
 //! ```text
 //! study/          study file → axes → jobs; identity of a job. Pure.
-//! model/          bodies, joints, musculotendons, paths: file → checked model
+//! model/          bodies, joints, musculotendons, paths: file → checked model; spatial/: Euler parameters, wrapped paths
 //! skeleton/       a spatial model by its joint coordinates: frames, paths around surfaces, moment arms
 //! motion/         joint coordinates over time: file → measured body coordinates
 //! transcription/  (model, measurement, settings) → a sparse nonlinear problem

@@ -8,11 +8,11 @@ use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
 use crate::skeleton::file::SkeletonFile;
-use crate::study::Study;
+use crate::study::{Study, load_model};
 
 pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
     let model = match model {
-        Some(path) => Some(ModelFile::load(&SourceFile::read(path)?)?.1),
+        Some(path) => Some(load_model(&SourceFile::read(path)?)?.1),
         None => None,
     };
     let mut code = GOOD;
@@ -52,7 +52,11 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
             } else if SkeletonFile::is_one(&table) {
                 let model = SkeletonFile::load(&file)?;
                 let (bodies, muscles) = (model.bodies.len(), model.muscles.len());
-                Ok(format!("spatial model, {bodies} bodies and {muscles} muscles"))
+                let rigid =
+                    model.muscles.iter().filter(|muscle| muscle.rigid_tendon).map(|muscle| muscle.name.as_str());
+                let rigid = rigid.collect::<Vec<_>>().join(", ");
+                let rigid = if rigid.is_empty() { rigid } else { format!("; rigid tendons: {rigid}") };
+                Ok(format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}"))
             } else {
                 let (_, model) = ModelFile::load(&file)?;
                 Ok(format!("model, {} bodies and {} muscles", model.bodies(), model.muscles.len()))

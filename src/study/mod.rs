@@ -205,7 +205,10 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
 }
 
 /// The model file's table and the checked model, planar or spatial.
-fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
+///
+/// # Errors
+/// The first mistake, with its place.
+pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
     match toml::from_str::<toml::Table>(&file.text) {
         Ok(table) if SkeletonFile::is_one(&table) => {
             let skeleton = Arc::new(SkeletonFile::load(file)?);
