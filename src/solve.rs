@@ -131,7 +131,7 @@ fn solve_timed(
         job: JobRow {
             status: run.status.into(),
             error: reason(run),
-            n_starts: Some(settings.starts as i64),
+            n_starts: Some(runs.len() as i64),
             n_converged_starts: Some(runs.iter().filter(|r| r.status == SqpStatus::Converged).count() as i64),
             iterations: Some(run.iterations() as i64),
             polished: Some(polished.is_some()),

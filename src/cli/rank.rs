@@ -76,11 +76,11 @@ pub fn rank(folder: &Path, options: &Options<'_>) -> Result<u8> {
     for row in rows().filter(|&row| !is_reference(row)) {
         let reference = rows().find(|&other| is_reference(other) && others(other) == others(row));
         let (Some(now), Some(before)) = (load(row), reference.and_then(load)) else { continue };
-        let mut changes: Vec<Change> = (now.iter().zip(before))
-            .map(|((muscle, value), (_, reference))| Change {
-                muscle: (*muscle).to_owned(),
-                reference: *reference,
-                value: *value,
+        let mut changes: Vec<Change> = (now.iter())
+            .filter_map(|(muscle, value)| {
+                // By name: a muscle that acts on nothing in one of the jobs has no row there.
+                let (_, reference) = before.iter().find(|(other, _)| other == muscle)?;
+                Some(Change { muscle: (*muscle).to_owned(), reference: *reference, value: *value })
             })
             .collect();
         changes.sort_by(|a, b| (b.value - b.reference).abs().total_cmp(&(a.value - a.reference).abs()));

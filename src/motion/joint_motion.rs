@@ -52,7 +52,8 @@ impl JointMotion {
     /// Where all bodies of the skeleton are at a time (s) from the start of the motion, with the rates of that.
     fn frames(&self, t: f64) -> Frames<Dual64> {
         let skeleton = &self.spatial.skeleton;
-        let moving = skeleton.frames(&self.pose(t));
+        let pose = self.pose(t);
+        let moving = skeleton.frames(&pose);
         let fixed = self.spatial.girdle == Girdle::Fixed;
         if self.abduction == 0.0 && !(fixed && skeleton.bodies.iter().any(|body| body.role == Role::Girdle)) {
             return Frames(moving);
@@ -63,7 +64,6 @@ impl JointMotion {
         for joint in &skeleton.joints {
             let parent = joint.parent.map_or_else(Frame::identity, |parent| frames[parent]);
             let place = parent * joint.in_parent.lift();
-            let pose = self.pose(t);
             let pose = if is_girdle(joint.child) { &held } else { &pose };
             let mut frame = place * joint.motion.frame(pose) * joint.in_child.inverse().lift();
             // What hangs on a fixed girdle keeps the direction in space that it has on the moving one.

@@ -28,7 +28,7 @@ use super::deadline::Deadline;
 use super::filter::{Filter, Verdict};
 use super::interior_point;
 use super::iterate::{Iterate, KktError};
-use super::kkt::{Kkt, KktValues, Rows};
+use super::kkt::{Inertia, Kkt, KktValues, Rows};
 use super::problem::{Curvature, Multipliers, Problem};
 use super::qp::{QpFailure, QuadraticProgramme};
 use crate::numerics::sparse::Sparse;
@@ -421,19 +421,24 @@ impl Sqp<'_> {
         })
     }
 
-    /// Whether the exact Hessian with damping δ is not positive definite where the last active constraints vanish. One that had to be
-    /// convexified is asked this first: each smaller δ would be tried in vain.
-    fn is_too_curved(&mut self, damping: f64) -> bool {
-        let Some(active) = &self.active else { return false };
-        let inertia = self.kkt.factorise(&KktValues {
+    /// Factorises the exact Hessian here with damping δ, the `active` rows as equations.
+    fn factorise(&mut self, damping: f64, active: &[bool]) -> Option<Inertia> {
+        self.factorisations += 1;
+        self.kkt.factorise(&KktValues {
             hessian: &self.hessian,
             metric: &self.metric,
             damping,
             equalities: &self.here.equality_jacobian,
             inequalities: &self.here.inequality_jacobian,
             rows: Rows::Active(active),
-        });
-        self.factorisations += 1;
+        })
+    }
+
+    /// Whether the exact Hessian with damping δ is not positive definite where the last active constraints vanish. One that had to be
+    /// convexified is asked this first: each smaller δ would be tried in vain.
+    fn is_too_curved(&mut self, damping: f64) -> bool {
+        let Some(active) = self.active.clone() else { return false };
+        let inertia = self.factorise(damping, &active);
         !inertia.is_some_and(|inertia| self.kkt.is_right(inertia))
     }
 
@@ -490,15 +495,7 @@ impl Sqp<'_> {
         before: (f64, f64),
         slope: f64,
     ) -> Option<(Iterate, Verdict)> {
-        self.kkt.factorise(&KktValues {
-            hessian: &self.hessian,
-            metric: &self.metric,
-            damping,
-            equalities: &self.here.equality_jacobian,
-            inequalities: &self.here.inequality_jacobian,
-            rows: Rows::Active(&step.active),
-        })?;
-        self.factorisations += 1;
+        self.factorise(damping, &step.active)?;
         let mut trial = trial.clone();
         let mut last = trial.violation();
         for _ in 0..CORRECTIONS {
@@ -581,18 +578,11 @@ impl Sqp<'_> {
     /// Against negative curvature, or where the Lagrangian is flat, it is δ that makes a step short: goes on along it, doubling,
     /// for as long as the objective falls, with two steps back to the constraints each time.
     fn extend(&mut self, direction: &[f64], damping: f64, record: &mut Record) {
-        let factorised = self.kkt.factorise(&KktValues {
-            hessian: &self.hessian,
-            metric: &self.metric,
-            damping,
-            equalities: &self.here.equality_jacobian,
-            inequalities: &self.here.inequality_jacobian,
-            rows: Rows::Active(self.active.as_deref().unwrap_or(&[])),
-        });
+        let active = self.active.clone().unwrap_or_default();
+        let factorised = self.factorise(damping, &active);
         if factorised.is_none() {
             return;
         }
-        self.factorisations += 1;
         let allowed = self.here.violation().max(self.settings.tolerance);
         let mut further = 1.0;
         let mut best: Option<Iterate> = None;
