@@ -12,6 +12,7 @@
 //! study/          study file → axes → jobs; identity of a job. Pure.
 //! model/          bodies, joints, musculotendons, paths: file → checked model; spatial/: Euler parameters, wrapped paths
 //! skeleton/       a spatial model by its joint coordinates: frames, paths around surfaces, moment arms
+//! opensim/        OpenSim's models, read as files of spatial models
 //! motion/         joint coordinates over time: file → measured body coordinates
 //! transcription/  (model, measurement, settings) → a sparse nonlinear problem
 //! guess.rs        start guess by inverse dynamics
@@ -48,6 +49,7 @@ pub mod model;
 pub mod motion;
 pub mod nlp;
 pub mod numerics;
+pub mod opensim;
 pub mod outcome;
 pub mod run;
 pub mod skeleton;

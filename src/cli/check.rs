@@ -7,8 +7,9 @@ use crate::error::{Error, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
+use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
-use crate::study::{Study, load_model};
+use crate::study::{Study, load_model, load_skeleton};
 
 pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
     let model = match model {
@@ -43,6 +44,14 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
             let table = MotionTable::load(path, model)?;
             Ok(format!("motion, {} coordinate(s) at {} instants", table.columns.len(), table.time.len()))
         }
+        Some("osim") => {
+            let file = SourceFile::read(path)?;
+            let (_, skeleton) = load_skeleton(&file)?;
+            let notes = crate::opensim::import(&file)?.notes;
+            let list = super::import::listed(&notes);
+            let list = if notes.is_empty() { list } else { format!("\nNot mapped, and what it means:\n{list}") };
+            Ok(format!("OpenSim model, {}{list}", described(&skeleton)))
+        }
         Some("toml") => {
             let file = SourceFile::read(path)?;
             let table: toml::Table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
@@ -50,13 +59,7 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
                 let study = Study::load(path)?;
                 Ok(format!("study, {} job(s)", study.jobs.len()))
             } else if SkeletonFile::is_one(&table) {
-                let model = SkeletonFile::load(&file)?;
-                let (bodies, muscles) = (model.bodies.len(), model.muscles.len());
-                let rigid =
-                    model.muscles.iter().filter(|muscle| muscle.rigid_tendon).map(|muscle| muscle.name.as_str());
-                let rigid = rigid.collect::<Vec<_>>().join(", ");
-                let rigid = if rigid.is_empty() { rigid } else { format!("; rigid tendons: {rigid}") };
-                Ok(format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}"))
+                Ok(described(&SkeletonFile::load(&file)?))
             } else {
                 let (_, model) = ModelFile::load(&file)?;
                 Ok(format!("model, {} bodies and {} muscles", model.bodies(), model.muscles.len()))
@@ -65,7 +68,20 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
         _ => Err(Error::Table {
             action: "check",
             path: path.to_owned(),
-            reason: "a file to check is a study or model (.toml) or a motion (.csv, .mot, .sto)".to_owned(),
+            reason:
+                "a file to check is a study or model (.toml), an OpenSim model (.osim) or a motion (.csv, .mot, .sto)"
+                    .to_owned(),
         }),
     }
+}
+
+fn described(model: &Skeleton) -> String {
+    let (bodies, muscles) = (model.bodies.len(), model.muscles.len());
+    let rigid = model.muscles.iter().filter(|muscle| muscle.rigid_tendon).map(|muscle| muscle.name.as_str());
+    let rigid = rigid.collect::<Vec<_>>().join(", ");
+    let rigid = if rigid.is_empty() { rigid } else { format!("; rigid tendons: {rigid}") };
+    // Models that lengths can be had of are no less models.
+    let study =
+        model.check_study().err().map(|issue| format!("; no study: {}: {}", issue.path.join("."), issue.message));
+    format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}{}", study.unwrap_or_default())
 }

@@ -2,6 +2,7 @@
 
 mod check;
 mod compare;
+mod import;
 mod moment_arms;
 mod plan;
 mod rank;
@@ -143,6 +144,23 @@ The folder must be on a file system that all nodes share.")]
         #[arg(long)]
         all: bool,
     },
+    /// Turn an OpenSim model (.osim, versions 1 to 4) into a model file, and say what could not be mapped
+    #[command(after_help = "Examples:
+  sinew import arm26.osim                       writes arm26.toml
+  sinew import arm26.osim --out models/arm.toml
+  sinew import arm26.osim --strict              an error if anything cannot be mapped
+
+A study may also name an .osim file as its model, and sinew check lists what is not mapped.")]
+    Import {
+        /// OpenSim model (.osim)
+        model: PathBuf,
+        /// File to write, never over one that is there [default: the model's name with .toml, in this folder]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// An error if anything cannot be mapped
+        #[arg(long)]
+        strict: bool,
+    },
     /// Lengths and moment arms of all muscles of a spatial model in given poses
     #[command(after_help = "Examples:
   sinew moment-arms data/models/upper_limb.toml poses.csv
@@ -151,7 +169,7 @@ The folder must be on a file system that all nodes share.")]
 Poses are rows of joint coordinates, columns such as shoulder_elv_deg; coordinates without a column keep their default.
 A moment arm is −∂L/∂q of one coordinate alone, in m.")]
     MomentArms {
-        /// Spatial model (.toml)
+        /// Spatial model (.toml, .osim)
         model: PathBuf,
         /// Poses (.csv)
         poses: PathBuf,
@@ -185,7 +203,7 @@ A moment arm is −∂L/∂q of one coordinate alone, in m.")]
   sinew check data/models/arm.toml
   sinew check data/motions/arm_curl.csv --model data/models/arm.toml")]
     Check {
-        /// Study (.toml), model (.toml) or motion (.csv, .mot, .sto) files
+        /// Study (.toml), model (.toml, .osim) or motion (.csv, .mot, .sto) files
         #[arg(required = true, value_name = "FILE")]
         files: Vec<PathBuf>,
         /// The model that motion files are for
@@ -215,6 +233,7 @@ pub fn main() -> ExitCode {
             compare::compare(&dir, &baseline, &compare::Options { tolerances: tolerance, json, junit, accept })
         }
         Command::Slurm(arguments) => slurm::slurm(&arguments),
+        Command::Import { model, out, strict } => import::import(&model, out, strict),
         Command::MomentArms { model, poses, out } => moment_arms::moment_arms(&model, &poses, out.as_deref()),
         Command::Rank { dir, axis, reference, measure, out } => rank::rank(
             &dir,

@@ -5,11 +5,11 @@ use std::path::Path;
 use super::{GOOD, print, write_table};
 use crate::error::{Result, SourceFile, nearest};
 use crate::skeleton::Skeleton;
-use crate::skeleton::file::SkeletonFile;
+use crate::study::load_skeleton;
 use crate::tables::{Table, Values};
 
 pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8> {
-    let skeleton = SkeletonFile::load(&SourceFile::read(model)?)?;
+    let (_, skeleton) = load_skeleton(&SourceFile::read(model)?)?;
     let poses = read_poses(&SourceFile::read(poses)?, &skeleton)?;
     let table = table(&skeleton, &poses);
     let metadata = vec![("sinew.model".to_owned(), skeleton.name.clone())];

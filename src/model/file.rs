@@ -2,7 +2,7 @@
 //!
 //! SI units, angles in degrees where the key says `_deg`. `data/models/arm.toml` is a commented example.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::Model;
 use super::body::{Body, ExternalForce, Place};
@@ -39,7 +39,7 @@ fn earth() -> [f64; 2] {
     [0.0, -9.81]
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CurvesEntry {
     /// Force at infinite lengthening velocity, eq. (8).

@@ -46,7 +46,9 @@ impl JointMotion {
                 Dual64::new(first + offset + scale * (value - first), scale * rate / self.time_scale)
             }
         };
-        self.coordinates.iter().map(at).collect()
+        let mut pose: Vec<Dual64> = self.coordinates.iter().map(at).collect();
+        self.spatial.skeleton.follow(&mut pose);
+        pose
     }
 
     /// Where all bodies of the skeleton are at a time (s) from the start of the motion, with the rates of that.

@@ -9,6 +9,9 @@ pub enum Ends {
     Natural,
     /// First derivative zero.
     Flat,
+    /// Third derivative that of the cubic through the four outer points; of three points all of it zero (G. E. Forsythe, M. A. Malcolm and
+    /// C. B. Moler, *Computer Methods for Mathematical Computations*, 1977, ch. 4).
+    Differenced,
 }
 
 /// A twice continuously differentiable piecewise cubic through points with increasing abscissae.
@@ -45,6 +48,9 @@ impl CubicSpline {
                 moments[end] = 0.0;
             }
         }
+        if ends == Ends::Differenced && n > 2 {
+            return Self { points: points.to_vec(), moments: differenced(points) };
+        }
         matrix.solve(&mut moments).expect("spline matrices are positive definite");
         Self { points: points.to_vec(), moments }
     }
@@ -62,6 +68,45 @@ impl CubicSpline {
             s * m0 + t * m1,
         ]
     }
+
+    /// Third derivative at `x`, constant in each span.
+    pub fn third(&self, x: f64) -> f64 {
+        let i = self.points.partition_point(|p| p.0 <= x).clamp(1, self.points.len() - 1) - 1;
+        (self.moments[i + 1] - self.moments[i]) / (self.points[i + 1].0 - self.points[i].0)
+    }
+}
+
+/// Moments with [`Ends::Differenced`]: the outer two are the next ones and a given third derivative, which leaves the inner ones unknown.
+fn differenced(points: &[(f64, f64)]) -> Vec<f64> {
+    let n = points.len();
+    let width = |i: usize| points[i + 1].0 - points[i].0;
+    let slope = |i: usize| (points[i + 1].1 - points[i].1) / width(i);
+    let third = |i: usize| {
+        let second = |i: usize| (slope(i + 1) - slope(i)) / (points[i + 2].0 - points[i].0);
+        if n > 3 { 6.0 * (second(i + 1) - second(i)) / (points[i + 3].0 - points[i].0) } else { 0.0 }
+    };
+    let (first, last) = (third(0), third(n.saturating_sub(4)));
+    let inner = n - 2;
+    let mut matrix = SymmetricBand::new(inner, 1);
+    let mut moments: Vec<f64> = (1..=inner).map(|i| slope(i) - slope(i - 1)).collect();
+    for k in 0..inner {
+        let (before, after) = (width(k), width(k + 1));
+        matrix.add_outer(k, &[1.0], (before + after) / 3.0);
+        if k + 1 < inner {
+            // An off-diagonal h/6 without its diagonals.
+            matrix.add_outer(k, &[1.0, 1.0], after / 6.0);
+            matrix.add_outer(k, &[1.0], -after / 6.0);
+            matrix.add_outer(k + 1, &[1.0], -after / 6.0);
+        }
+    }
+    let (h0, hn) = (width(0), width(n - 2));
+    matrix.add_outer(0, &[1.0], h0 / 6.0);
+    moments[0] += h0 * h0 / 6.0 * first;
+    matrix.add_outer(inner - 1, &[1.0], hn / 6.0);
+    moments[inner - 1] -= hn * hn / 6.0 * last;
+    matrix.solve(&mut moments).expect("spline matrices are positive definite");
+    let ends = [moments[0] - h0 * first, moments[inner - 1] + hn * last];
+    [&ends[..1], &moments, &ends[1..]].concat()
 }
 
 #[cfg(test)]

@@ -4,20 +4,24 @@
 
 use std::collections::BTreeSet;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::frame::Frame;
-use super::path::{MusclePath, Obstacle, PathPoint};
+use super::function::{Function, FunctionEntry};
+use super::path::{Move, MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
-use super::{Abduction, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton};
+use super::{Abduction, Axis, Body, Coordinate, Force, Girdle, HeldPoint, Joint, Motion, Muscle, Role, Skeleton};
 use crate::error::{Issue, Result, SourceFile, nearest};
 use crate::model::curves::ForceVelocity;
 use crate::model::file::{CurvesEntry, finite, positive, unique};
 
 type Checked<T> = std::result::Result<T, Issue>;
 
+/// What does not move; joints hang on it, and paths and surfaces may be on it.
+pub const GROUND: &str = "ground";
+
 /// A spatial model as its file says it.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkeletonFile {
     pub name: String,
@@ -52,7 +56,7 @@ fn earth() -> [f64; 3] {
     [0.0, -9.81, 0.0]
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MusclesEntry {
     /// s
@@ -72,7 +76,7 @@ impl Default for MusclesEntry {
     }
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeldPointEntry {
     pub name: String,
@@ -82,7 +86,7 @@ pub struct HeldPointEntry {
 }
 
 /// Without `force`, the motion file has it over time, as `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceEntry {
     pub name: String,
@@ -99,7 +103,7 @@ fn one() -> f64 {
     1.0
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AbductionEntry {
     pub body: String,
@@ -109,7 +113,7 @@ pub struct AbductionEntry {
     pub long_axis: [f64; 3],
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BodyEntry {
     pub name: String,
@@ -126,7 +130,7 @@ fn free() -> Role {
     Role::Free
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum JointEntryKind {
     Weld,
@@ -134,7 +138,7 @@ pub enum JointEntryKind {
     Ellipsoid,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointEntry {
     pub name: String,
@@ -161,14 +165,16 @@ pub struct JointEntry {
     pub coordinates: Option<[String; 4]>,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisEntry {
     pub coordinate: String,
     pub axis: [f64; 3],
+    /// How far along or about the axis; as far as the coordinate if left out.
+    pub by: Option<FunctionEntry>,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CoordinateEntry {
     pub name: String,
@@ -177,9 +183,18 @@ pub struct CoordinateEntry {
     /// Stays at its default in a study.
     #[serde(default)]
     pub locked: bool,
+    /// Another coordinate that it is a function of.
+    pub follows: Option<FollowsEntry>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FollowsEntry {
+    pub coordinate: String,
+    pub by: FunctionEntry,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SurfaceKind {
     Sphere,
@@ -187,7 +202,7 @@ pub enum SurfaceKind {
     Ellipsoid,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SurfaceEntry {
     pub name: String,
@@ -201,25 +216,43 @@ pub struct SurfaceEntry {
     pub radii: Option<[f64; 3]>,
     /// Of a cylinder: `x`, `-x`, `y` or `-y`, where paths must pass.
     pub side: Option<String>,
+    /// Of a cylinder, m; without ends if left out. A path's length jumps where it slips off an end.
+    pub length: Option<f64>,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PointEntry {
+    /// `ground` or a body.
     pub body: String,
+    #[serde(default)]
     pub point: [f64; 3],
     pub moves: Option<MovesEntry>,
+    /// What is added to the point's x, y and z.
+    pub x: Option<FollowsEntry>,
+    pub y: Option<FollowsEntry>,
+    pub z: Option<FollowsEntry>,
+    /// When the path goes over the point; always if left out.
+    pub when: Option<WhenEntry>,
+}
+
+/// While a coordinate (rad, m) is in a range.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WhenEntry {
+    pub coordinate: String,
+    pub range: [f64; 2],
 }
 
 /// The point moves by `slope` (m/rad) times a coordinate.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MovesEntry {
     pub coordinate: String,
     pub slope: [f64; 3],
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MuscleEntry {
     pub name: String,
@@ -241,12 +274,13 @@ pub struct MuscleEntry {
     pub surfaces: Vec<ObstacleEntry>,
 }
 
-/// A surface by name; or with the only part of the path (0: between its first two points) that it is in the way of.
-#[derive(Clone, Debug, Deserialize)]
+/// A surface by name; or with the part or parts (first and last) of the path that it is in the way of, 0 between its first two points.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum ObstacleEntry {
     Any(String),
     Part { name: String, part: usize },
+    Parts { name: String, parts: [usize; 2] },
 }
 
 impl SkeletonFile {
@@ -277,7 +311,7 @@ impl SkeletonFile {
                 "a spatial model has dimensions = 3; a planar one has no such key",
             ));
         }
-        let bodies: Vec<&str> = self.body.iter().map(|body| body.name.as_str()).collect();
+        let mut bodies: Vec<&str> = self.body.iter().map(|body| body.name.as_str()).collect();
         let coordinates: Vec<&str> = self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect();
         let surfaces: Vec<&str> = self.surface.iter().map(|surface| surface.name.as_str()).collect();
         unique("body", bodies.iter().copied())?;
@@ -287,10 +321,20 @@ impl SkeletonFile {
         unique("muscle", self.muscle.iter().map(|muscle| muscle.name.as_str()))?;
         unique("held_point", self.held_point.iter().map(|held| held.name.as_str()))?;
         unique("force", self.force.iter().map(|force| force.name.as_str()))?;
+        if bodies.contains(&GROUND) {
+            return Err(Issue::new(&["body", GROUND], "`ground` is always there", "give this body another name"));
+        }
+        let mut checked_bodies = self.body.iter().map(BodyEntry::check).collect::<Checked<Vec<_>>>()?;
+        if self.names_ground() {
+            bodies.push(GROUND);
+            checked_bodies.push(Body::ground());
+        }
         let names = Names { bodies, coordinates, surfaces };
 
-        let checked_bodies = self.body.iter().map(BodyEntry::check).collect::<Checked<Vec<_>>>()?;
         let mut joints = self.joint.iter().map(|joint| joint.check(&names)).collect::<Checked<Vec<_>>>()?;
+        if names.bodies.last() == Some(&GROUND) {
+            joints.push(Joint::of_ground(names.bodies.len() - 1));
+        }
         sort(&mut joints, &names)?;
         let mut skeleton = Skeleton {
             name: self.name.clone(),
@@ -313,36 +357,58 @@ impl SkeletonFile {
         Ok(skeleton)
     }
 
+    /// Whether points, surfaces or forces are on the ground, which then is a body as well.
+    fn names_ground(&self) -> bool {
+        let points = self.muscle.iter().flat_map(|muscle| &muscle.path).map(|point| &point.body);
+        let others = self.surface.iter().map(|surface| &surface.body).chain(self.force.iter().map(|force| &force.body));
+        points.chain(others).chain(self.held_point.iter().flat_map(|held| &held.bodies)).any(|body| body == GROUND)
+    }
+
     /// Each coordinate belongs to one joint, which says whether it is an angle.
     fn coordinates(&self, joints: &[Joint]) -> Checked<Vec<Coordinate>> {
         let mut kinds: Vec<Option<bool>> = vec![None; self.coordinate.len()];
         for joint in joints {
-            let used: Vec<(usize, bool)> = match &joint.motion {
+            // (coordinate, whether it is an angle, whether it is as much as what it moves)
+            let used: Vec<(usize, bool, bool)> = match &joint.motion {
                 Motion::Weld => Vec::new(),
                 Motion::Axes { translations, rotations } => {
-                    let moves = translations.iter().map(|(c, _)| (*c, false));
-                    moves.chain(rotations.iter().map(|(c, _)| (*c, true))).collect()
+                    let moves = translations.iter().map(|axis| (axis.coordinate, false, axis.by.is_identity()));
+                    // What turns something by itself is an angle, whatever else it moves.
+                    rotations.iter().map(|axis| (axis.coordinate, true, axis.by.is_identity())).chain(moves).collect()
                 }
-                Motion::Ellipsoid { coordinates, .. } => coordinates.iter().map(|c| (*c, true)).collect(),
+                Motion::Ellipsoid { coordinates, .. } => coordinates.iter().map(|c| (*c, true, true)).collect(),
             };
-            for (coordinate, is_angle) in used {
-                if kinds[coordinate].replace(is_angle).is_some() {
+            for (coordinate, is_angle, itself) in used {
+                if kinds[coordinate].is_some() && itself {
                     let name = &self.coordinate[coordinate].name;
                     let message = format!("`{name}` moves more than one axis");
-                    return Err(Issue::new(&["joint", &joint.name], message, "give each axis a coordinate of its own"));
+                    let help = "give each axis a coordinate of its own, or say how the axis goes `by` it";
+                    return Err(Issue::new(&["joint", &joint.name], message, help));
                 }
+                kinds[coordinate].get_or_insert(is_angle);
             }
         }
-        let coordinate = |(entry, kind): (&CoordinateEntry, Option<bool>)| match kind {
-            Some(is_angle) if entry.default.is_finite() => {
-                Ok(Coordinate { name: entry.name.clone(), is_angle, default: entry.default, locked: entry.locked })
+        let names: Vec<&str> = self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect();
+        let coordinate = |(entry, kind): (&CoordinateEntry, Option<bool>)| {
+            let place = |key: &'static str| ["coordinate", entry.name.as_str(), key];
+            let Some(is_angle) = kind else {
+                let help = "remove it, or name it in a joint";
+                return Err(Issue::new(&["coordinate", &entry.name], "it moves no joint", help));
+            };
+            if !entry.default.is_finite() {
+                return Err(Issue::new(&place("default"), "it is not finite", "give a number (rad or m)"));
             }
-            Some(_) => {
-                Err(Issue::new(&["coordinate", &entry.name, "default"], "it is not finite", "give a number (rad or m)"))
-            }
-            None => {
-                Err(Issue::new(&["coordinate", &entry.name], "it moves no joint", "remove it, or name it in a joint"))
-            }
+            let follows = entry.follows.as_ref().map(|follows| {
+                let leader = find("coordinate", &names, &follows.coordinate, &place("follows"))?;
+                if self.coordinate[leader].follows.is_some() {
+                    let message = format!("`{}` follows a coordinate itself", follows.coordinate);
+                    let help = "name the coordinate that moves freely, and the function of that one";
+                    return Err(Issue::new(&place("follows"), message, help));
+                }
+                Ok((leader, follows.by.check(&place("follows"))?))
+            });
+            let (name, locked) = (entry.name.clone(), entry.locked);
+            Ok(Coordinate { name, is_angle, default: entry.default, locked, follows: follows.transpose()? })
         };
         self.coordinate.iter().zip(kinds).map(coordinate).collect()
     }
@@ -364,23 +430,49 @@ fn find(kind: &str, names: &[&str], name: &str, path: &[&str]) -> Checked<usize>
 
 impl BodyEntry {
     fn check(&self) -> Checked<Body> {
-        positive(&["body", &self.name, "mass"], self.mass, "kg")?;
         finite(&["body", &self.name, "centre_of_mass"], &self.centre_of_mass)?;
-        let [xx, yy, zz, xy, xz, yz] = self.inertia;
-        // Positive definite, by its leading minors, and with the triangle inequality of the principal moments' sum.
-        let minors =
-            [xx, xx * yy - xy * xy, xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)];
-        if minors.iter().any(|minor| minor.is_nan() || *minor <= 0.0) {
+        finite(&["body", &self.name, "inertia"], &self.inertia)?;
+        // A body without mass may move as given, or with one that has a mass; `Skeleton::check_study` sees to that.
+        if self.mass == 0.0 && self.inertia == [0.0; 6] {
+            return Ok(self.body());
+        }
+        positive(&["body", &self.name, "mass"], self.mass, "kg")?;
+        if !self.is_physical() {
             let help = "xx, yy, zz, xy, xz, yz about the centre of mass make a positive definite matrix (kg m²)";
             return Err(Issue::new(&["body", &self.name, "inertia"], format!("found {:?}", self.inertia), help));
         }
-        Ok(Body {
+        Ok(self.body())
+    }
+
+    /// Whether the inertia is that of a body: positive definite, by its leading minors.
+    pub fn is_physical(&self) -> bool {
+        let [xx, yy, zz, xy, xz, yz] = self.inertia;
+        let minors =
+            [xx, xx * yy - xy * xy, xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)];
+        minors.iter().all(|minor| *minor > 0.0)
+    }
+
+    fn body(&self) -> Body {
+        Body {
             name: self.name.clone(),
             mass: self.mass,
             centre_of_mass: self.centre_of_mass,
             inertia: self.inertia,
             role: self.role,
-        })
+        }
+    }
+}
+
+impl Body {
+    fn ground() -> Self {
+        Self { name: GROUND.to_owned(), mass: 0.0, centre_of_mass: [0.0; 3], inertia: [0.0; 6], role: Role::Given }
+    }
+}
+
+impl Joint {
+    fn of_ground(child: usize) -> Self {
+        let (in_parent, in_child) = (Frame::identity(), Frame::identity());
+        Self { name: GROUND.to_owned(), parent: None, child, in_parent, in_child, motion: Motion::Weld }
     }
 }
 
@@ -425,7 +517,7 @@ impl JointEntry {
     fn check(&self, names: &Names<'_>) -> Checked<Joint> {
         let place = |key: &'static str| ["joint", self.name.as_str(), key];
         let parent = match self.parent.as_str() {
-            "ground" => None,
+            GROUND => None,
             name => Some(find("body", &names.bodies, name, &place("parent"))?),
         };
         let axes = |entries: &[AxisEntry], key: &'static str| {
@@ -437,7 +529,9 @@ impl JointEntry {
                         "give a direction",
                     ));
                 }
-                Ok((find("coordinate", &names.coordinates, &entry.coordinate, &place(key))?, entry.axis))
+                let by = entry.by.as_ref().map_or(Ok(Function::identity()), |by| by.check(&place(key)))?;
+                let coordinate = find("coordinate", &names.coordinates, &entry.coordinate, &place(key))?;
+                Ok(Axis { coordinate, direction: entry.axis, by })
             };
             entries.iter().map(axis).collect::<Checked<Vec<_>>>()
         };
@@ -535,7 +629,18 @@ impl SurfaceEntry {
         };
         let shape = match self.kind {
             SurfaceKind::Sphere => Shape::Sphere { radius: radius()? },
-            SurfaceKind::Cylinder => Shape::Cylinder { radius: radius()?, side: self.side()? },
+            SurfaceKind::Cylinder => {
+                let length = self.length.unwrap_or(f64::INFINITY);
+                if !(length > 0.0) {
+                    let message = format!("found {length}");
+                    return Err(Issue::new(
+                        &place("length"),
+                        message,
+                        "it must be above 0 (m); without it there are no ends",
+                    ));
+                }
+                Shape::Cylinder { radius: radius()?, side: self.side()?, length }
+            }
             SurfaceKind::Ellipsoid => {
                 let radii = self.radii.ok_or_else(|| missing("radii", "an ellipsoid has three radii (m)"))?;
                 radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m"))?;
@@ -550,6 +655,14 @@ impl SurfaceEntry {
             frame: Frame::placed(self.point, self.rotation),
             shape,
         })
+    }
+
+    /// Whether a point of a path, fixed to the same body, is inside.
+    pub fn holds(&self, point: &PointEntry) -> bool {
+        let names = Names { bodies: vec![&self.body], coordinates: Vec::new(), surfaces: Vec::new() };
+        let fixed = point.moves.is_none() && point.x.is_none() && point.y.is_none() && point.z.is_none();
+        let inside = |surface: Surface| surface.shape.holds(&surface.frame.inverse().point(&point.point));
+        point.body == self.body && fixed && self.check(&names).is_ok_and(inside)
     }
 
     fn side(&self) -> Checked<Option<Side>> {
@@ -578,14 +691,31 @@ impl MuscleEntry {
         }
         let point = |entry: &PointEntry| {
             finite(&place("path"), &entry.point)?;
-            let moves = entry.moves.as_ref().map(|moves| {
-                finite(&place("path"), &moves.slope)?;
-                Ok((find("coordinate", &names.coordinates, &moves.coordinate, &place("path"))?, moves.slope))
+            let coordinate = |name: &str| find("coordinate", &names.coordinates, name, &place("path"));
+            let mut moves = Vec::new();
+            if let Some(MovesEntry { coordinate: name, slope }) = &entry.moves {
+                finite(&place("path"), slope)?;
+                let line = |component: usize| Function::Polynomial(vec![0.0, slope[component]]);
+                let coordinate = coordinate(name)?;
+                moves.extend((0..3).map(|component| Move { component, coordinate, by: line(component) }));
+            }
+            for (component, follows) in [&entry.x, &entry.y, &entry.z].into_iter().enumerate() {
+                let Some(follows) = follows else { continue };
+                let (coordinate, by) = (coordinate(&follows.coordinate)?, follows.by.check(&place("path"))?);
+                moves.push(Move { component, coordinate, by });
+            }
+            let when = entry.when.as_ref().map(|when| {
+                if !(when.range[0] <= when.range[1]) {
+                    let message = format!("found the range {:?}", when.range);
+                    return Err(Issue::new(&place("path"), message, "a range has its lower end first (rad or m)"));
+                }
+                Ok((coordinate(&when.coordinate)?, when.range))
             });
             Ok(PathPoint {
                 body: find("body", &names.bodies, &entry.body, &place("path"))?,
                 point: entry.point,
-                moves: moves.transpose()?,
+                moves,
+                when: when.transpose()?,
             })
         };
         if !(self.tendon_slack_length >= 0.0 && self.tendon_slack_length.is_finite()) {
@@ -610,11 +740,12 @@ impl MuscleEntry {
             positive(place.as_slice().strip_suffix(&[""]).unwrap_or(&place), value, unit).map(|()| value)
         };
         let surface = |entry: &ObstacleEntry| {
-            let (name, part) = match entry {
+            let (name, parts) = match entry {
                 ObstacleEntry::Any(name) => (name, None),
-                ObstacleEntry::Part { name, part } => (name, Some(*part)),
+                ObstacleEntry::Part { name, part } => (name, Some([*part; 2])),
+                ObstacleEntry::Parts { name, parts } => (name, Some(*parts)),
             };
-            if part.is_some_and(|part| part + 1 >= self.path.len()) {
+            if parts.is_some_and(|[first, last]| first > last || last + 1 >= self.path.len()) {
                 let help = format!("the path has parts 0 to {}", self.path.len() - 2);
                 return Err(Issue::new(
                     &place("surfaces"),
@@ -622,7 +753,7 @@ impl MuscleEntry {
                     help,
                 ));
             }
-            Ok(Obstacle { surface: find("surface", &names.surfaces, name, &place("surfaces"))?, part })
+            Ok(Obstacle { surface: find("surface", &names.surfaces, name, &place("surfaces"))?, parts })
         };
         Ok(Muscle {
             name: self.name.clone(),
@@ -649,6 +780,57 @@ impl MuscleEntry {
 }
 
 impl Skeleton {
+    /// What lengths and moment arms can be had of, but no study.
+    ///
+    /// # Errors
+    /// The first thing that a study cannot have: a joint with axes by functions, or a coordinate that follows another, where bodies move by
+    /// forces; a body without mass that does; a point that comes and goes, or moves in other ways than in proportion to an elevation.
+    pub fn check_study(&self) -> Checked<()> {
+        let moves = |body: Option<usize>| body.is_some_and(|b| self.bodies[b].role != Role::Given);
+        let given = "give the body and those it hangs on the role \"given\" (their motion is then that of the motion file), or lock its coordinates";
+        for joint in self.joints.iter().filter(|joint| moves(Some(joint.child)) && !self.is_locked(joint)) {
+            let place = ["joint", joint.name.as_str()];
+            if let Motion::Axes { translations, rotations } = &joint.motion
+                && !translations.iter().chain(rotations).all(|axis| axis.by.is_identity())
+            {
+                let message =
+                    "an axis goes `by` a function of its coordinate, which a study has only where motion is given";
+                return Err(Issue::new(&place, message, given));
+            }
+            let coordinates = joint.motion.coordinates();
+            if let Some(&c) = coordinates.iter().find(|&&c| self.coordinates[c].follows.is_some()) {
+                let name = &self.coordinates[c].name;
+                let message =
+                    format!("`{name}` follows another coordinate, which a study has only where motion is given");
+                return Err(Issue::new(&place, message, given));
+            }
+        }
+        let spatial = crate::model::spatial::Spatial::new(std::sync::Arc::new(self.clone()), Girdle::Equilibrium);
+        if let Some(body) = spatial.bodies.iter().find(|body| !(body.mass > 0.0)) {
+            let help = "give it a mass, weld it to a body that has one, or let it move as given";
+            return Err(Issue::new(&["body", &body.name, "mass"], "a body that moves by forces has no mass", help));
+        }
+        for muscle in &self.muscles {
+            let place = ["muscle", muscle.name.as_str(), "path"];
+            for point in &muscle.path.points {
+                if point.when.is_some() {
+                    let message = "a point of the path comes and goes, and the length with it jumps";
+                    let help = "remove the point, or its `when`; a wrapping surface does the same without a jump";
+                    return Err(Issue::new(&place, message, help));
+                }
+                let smooth = point.moves.is_empty()
+                    || point.in_proportion().is_some_and(|(c, ..)| self.elevation_joint(c).is_some());
+                if !smooth {
+                    let message =
+                        "a point moves in another way than in proportion to the second of a joint's three rotations";
+                    let help = "fix the point (leave moves, x, y, z away), or describe the way by a wrapping surface";
+                    return Err(Issue::new(&place, message, help));
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// A body whose motion is given cannot hang on one that moves by forces.
     fn check_roles(&self) -> Checked<()> {
         for joint in &self.joints {
@@ -668,7 +850,8 @@ impl Skeleton {
         for muscle in &self.muscles {
             for obstacle in &muscle.path.surfaces {
                 let surface = &self.surfaces[obstacle.surface];
-                let own = muscle.path.points.iter().filter(|point| point.body == surface.body && point.moves.is_none());
+                let own =
+                    muscle.path.points.iter().filter(|point| point.body == surface.body && point.moves.is_empty());
                 for point in own {
                     let x = surface.frame.inverse().point(&point.point);
                     if surface.shape.holds(&x) {

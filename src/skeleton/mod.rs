@@ -6,12 +6,15 @@
 pub mod ellipsoid;
 pub mod file;
 pub mod frame;
+pub mod function;
 pub mod path;
 pub mod surface;
+pub mod text;
 
 use crate::model::curves::ForceVelocity;
 use crate::numerics::Scalar;
 use frame::Frame;
+use function::Function;
 use path::MusclePath;
 use surface::Surface;
 
@@ -35,7 +38,7 @@ pub struct Skeleton {
 }
 
 /// How a body moves in a study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
     /// By forces.
@@ -102,7 +105,7 @@ pub struct Body {
 }
 
 /// A joint coordinate.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Coordinate {
     pub name: String,
     /// rad if true, m if not
@@ -110,10 +113,12 @@ pub struct Coordinate {
     pub default: f64,
     /// Stays at its default in a study.
     pub locked: bool,
+    /// It is a function of another coordinate, which follows none.
+    pub follows: Option<(usize, Function)>,
 }
 
 /// A joint: frame in the parent, motion, frame in the child.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Joint {
     pub name: String,
     /// Index of the body; `None` for the ground.
@@ -125,13 +130,13 @@ pub struct Joint {
 }
 
 /// What a joint lets its child do. Coordinates by index.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Motion {
     Weld,
     /// Translations along axes of the parent's frame, then rotations about axes that move with the ones before.
     Axes {
-        translations: Vec<(usize, [f64; 3])>,
-        rotations: Vec<(usize, [f64; 3])>,
+        translations: Vec<Axis>,
+        rotations: Vec<Axis>,
     },
     /// A point of the child slides on an ellipsoid, its z-axis normal to it; then it turns about its y-axis.
     ///
@@ -140,6 +145,14 @@ pub enum Motion {
         radii: [f64; 3],
         coordinates: [usize; 4],
     },
+}
+
+/// An axis of a joint: along or about `direction` by a function of a coordinate.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    pub coordinate: usize,
+    pub direction: [f64; 3],
+    pub by: Function,
 }
 
 /// A muscle's path and its parameters.
@@ -171,7 +184,9 @@ impl Motion {
     pub fn coordinates(&self) -> Vec<usize> {
         match self {
             Motion::Weld => Vec::new(),
-            Motion::Axes { translations, rotations } => translations.iter().chain(rotations).map(|(c, _)| *c).collect(),
+            Motion::Axes { translations, rotations } => {
+                translations.iter().chain(rotations).map(|axis| axis.coordinate).collect()
+            }
             Motion::Ellipsoid { coordinates, .. } => coordinates.to_vec(),
         }
     }
@@ -182,10 +197,13 @@ impl Motion {
             Motion::Weld => Frame::identity(),
             Motion::Axes { translations, rotations } => {
                 let mut frame = Frame::identity();
-                for (coordinate, axis) in translations {
-                    (0..3).for_each(|i| frame.origin[i] += q[*coordinate] * axis[i]);
+                for Axis { coordinate, direction, by } in translations {
+                    let distance = by.at(q[*coordinate]);
+                    (0..3).for_each(|i| frame.origin[i] += distance * direction[i]);
                 }
-                rotations.iter().fold(frame, |frame, (coordinate, axis)| frame * Frame::rotation(*axis, q[*coordinate]))
+                let turned =
+                    |frame, axis: &Axis| frame * Frame::rotation(axis.direction, axis.by.at(q[axis.coordinate]));
+                rotations.iter().fold(frame, turned)
             }
             Motion::Ellipsoid { radii, coordinates } => {
                 let [abduction, elevation, upward, winging] = coordinates.map(|c| q[c]);
@@ -215,7 +233,18 @@ impl Skeleton {
 
     /// Default values of all coordinates.
     pub fn default_pose(&self) -> Vec<f64> {
-        self.coordinates.iter().map(|coordinate| coordinate.default).collect()
+        let mut q: Vec<f64> = self.coordinates.iter().map(|coordinate| coordinate.default).collect();
+        self.follow(&mut q);
+        q
+    }
+
+    /// Gives coordinates that follow others their values.
+    pub fn follow<T: Scalar>(&self, q: &mut [T]) {
+        for (k, coordinate) in self.coordinates.iter().enumerate() {
+            if let Some((leader, by)) = &coordinate.follows {
+                q[k] = by.at(q[*leader]);
+            }
+        }
     }
 
     /// Whether a joint holds still in a study: a weld, or one of locked coordinates only.
@@ -228,8 +257,10 @@ impl Skeleton {
         self.joints.iter().find(|joint| match &joint.motion {
             Motion::Axes { rotations, .. } => {
                 rotations.len() == 3
-                    && rotations[1].0 == coordinate
-                    && frame::dot(&frame::unit(&rotations[0].1), &frame::unit(&rotations[1].1)).abs() < 1e-6
+                    && rotations[1].coordinate == coordinate
+                    && rotations[1].by.is_identity()
+                    && frame::dot(&frame::unit(&rotations[0].direction), &frame::unit(&rotations[1].direction)).abs()
+                        < 1e-6
             }
             _ => false,
         })

@@ -11,11 +11,12 @@ use num_dual::Dual64;
 
 use super::Skeleton;
 use super::frame::{Frame, Vector, minus, norm, unit};
+use super::function::Function;
 use super::surface::{Contact, Shape};
 use crate::numerics::Scalar;
 
 /// A muscle's way: points, and surfaces that may come between any two of them.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct MusclePath {
     pub points: Vec<PathPoint>,
     /// In the order in which the path meets them.
@@ -27,27 +28,62 @@ pub struct MusclePath {
 pub struct Obstacle {
     /// Index of the surface.
     pub surface: usize,
-    /// The only part of the path (from 0, between two points) that it is in the way of; any if `None`.
-    pub part: Option<usize>,
+    /// First and last of the parts of the path (from 0, between two points) that it is in the way of; any if `None`.
+    pub parts: Option<[usize; 2]>,
 }
 
-/// A point of a path, fixed to a body but for what it moves with a coordinate.
-#[derive(Clone, Debug, PartialEq)]
+impl Obstacle {
+    /// Whether it is in the way between these two points of the path.
+    pub fn meets(&self, from: usize, to: usize) -> bool {
+        self.parts.is_none_or(|[first, last]| first <= from && to <= last + 1)
+    }
+}
+
+/// A point of a path, fixed to a body but for what it moves with coordinates.
+#[derive(Clone, Debug)]
 pub struct PathPoint {
     pub body: usize,
     /// In the body's frame, m.
     pub point: Vector,
-    /// (coordinate, m/rad): the point is `point + slope q`.
-    pub moves: Option<(usize, Vector)>,
+    /// What is added to it.
+    pub moves: Vec<Move>,
+    /// The path goes over the point only while a coordinate (rad, m) is in a range, its ends included.
+    pub when: Option<(usize, [f64; 2])>,
+}
+
+/// A component (0: x, 1: y, 2: z) of a point moves by a function (m) of a coordinate.
+#[derive(Clone, Debug)]
+pub struct Move {
+    pub component: usize,
+    pub coordinate: usize,
+    pub by: Function,
 }
 
 impl PathPoint {
     /// In the body's frame, in a pose.
-    fn local<T: Scalar>(&self, q: &[T]) -> [T; 3] {
-        match &self.moves {
-            None => self.point.map(T::from),
-            Some((coordinate, slope)) => [0, 1, 2].map(|i| q[*coordinate] * slope[i] + self.point[i]),
+    pub fn local<T: Scalar>(&self, q: &[T]) -> [T; 3] {
+        let mut local = self.point.map(T::from);
+        for Move { component, coordinate, by } in &self.moves {
+            local[*component] += by.at(q[*coordinate]);
         }
+        local
+    }
+
+    /// Whether the path goes over it in a pose.
+    pub fn is_met(&self, q: &[f64]) -> bool {
+        self.when.is_none_or(|(coordinate, [low, high])| (low..=high).contains(&q[coordinate]))
+    }
+
+    /// The coordinate and the slopes (m/rad) of a point that moves in proportion to one coordinate, with where it is at 0.
+    pub fn in_proportion(&self) -> Option<(usize, Vector, Vector)> {
+        let coordinate = self.moves.first()?.coordinate;
+        let (mut point, mut slope) = (self.point, [0.0; 3]);
+        for moved in &self.moves {
+            let [offset, factor] = moved.by.line().filter(|_| moved.coordinate == coordinate)?;
+            point[moved.component] += offset;
+            slope[moved.component] += factor;
+        }
+        Some((coordinate, slope, point))
     }
 }
 
@@ -78,15 +114,17 @@ impl MusclePath {
     pub fn route<'p>(&'p self, skeleton: &Skeleton, q: &[f64], frames: &[Frame<f64>]) -> Routed<'p> {
         let mut routed = Routed { length: 0.0, touched: Vec::new(), straight: Vec::new() };
         let at = |point: &PathPoint| frames[point.body].point(&point.local(q));
-        for (part, ends) in self.points.windows(2).enumerate() {
-            let (a, b) = (at(&ends[0]), at(&ends[1]));
-            let met = self.surfaces.iter().filter(|obstacle| obstacle.part.is_none_or(|own| own == part));
+        let met: Vec<usize> = (0..self.points.len()).filter(|&i| self.points[i].is_met(q)).collect();
+        for pair in met.windows(2) {
+            let ends = [&self.points[pair[0]], &self.points[pair[1]]];
+            let (a, b) = (at(ends[0]), at(ends[1]));
+            let met = self.surfaces.iter().filter(|obstacle| obstacle.meets(pair[0], pair[1]));
             let surfaces: Vec<usize> = met.map(|obstacle| obstacle.surface).collect();
             let places: Vec<(Frame<f64>, &Shape)> = (surfaces.iter().map(|&s| &skeleton.surfaces[s]))
                 .map(|surface| (frames[surface.body] * surface.frame, &surface.shape))
                 .collect();
             let contacts = contacts(&places, &a, &b);
-            let (mut from, mut place) = (Corner::Point(&ends[0]), a);
+            let (mut from, mut place) = (Corner::Point(ends[0]), a);
             for (&surface, contact) in surfaces.iter().zip(&contacts) {
                 let Some(contact) = contact else { continue };
                 let body = skeleton.surfaces[surface].body;
@@ -97,7 +135,7 @@ impl MusclePath {
                 (from, place) = (corner(&contact.last), contact.last);
             }
             routed.length += norm(&minus(&b, &place));
-            routed.straight.push((from, Corner::Point(&ends[1])));
+            routed.straight.push((from, Corner::Point(ends[1])));
         }
         routed
     }
@@ -152,13 +190,21 @@ impl Routed<'_> {
 }
 
 impl Skeleton {
-    /// Length of each muscle (m) and its moment arms −∂L/∂q by each coordinate (m for angles), in a pose.
+    /// Length of each muscle (m) and its moment arms −∂L/∂q by each coordinate (m for angles), in a pose. Coordinates that follow another
+    /// one go with it; their own moment arms are those of the coordinate alone.
     pub fn lengths_and_moment_arms(&self, q: &[f64]) -> Vec<(f64, Vec<f64>)> {
+        let mut q = q.to_vec();
+        self.follow(&mut q);
+        let q = &q[..];
         let frames = self.frames(q);
         let routed: Vec<Routed<'_>> = self.muscles.iter().map(|m| m.path.route(self, q, &frames)).collect();
         let mut found: Vec<(f64, Vec<f64>)> = routed.iter().map(|r| (r.length, Vec::new())).collect();
         for k in 0..q.len() {
-            let seeded: Vec<Dual64> = q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == k))).collect();
+            let mut seeded: Vec<Dual64> =
+                q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == k))).collect();
+            if self.coordinates[k].follows.is_none() {
+                self.follow(&mut seeded);
+            }
             let frames = self.frames(&seeded);
             for (routed, (_, arms)) in routed.iter().zip(&mut found) {
                 arms.push(-routed.slope(&seeded, &frames));

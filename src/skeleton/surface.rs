@@ -20,11 +20,12 @@ pub enum Shape {
     Sphere {
         radius: f64,
     },
-    /// About the z-axis, of any length. DEPARTURE [OpenSim, WrapCylinder]: a cylinder ends nowhere, so that contact does not
-    /// come and go at its ends.
+    /// About the z-axis, the origin in its middle. A path that would come to it and leave it beyond its ends passes straight on, as in OpenSim:
+    /// where that begins, the length jumps. Without ends (`length` infinite) it does not.
     Cylinder {
         radius: f64,
         side: Option<Side>,
+        length: f64,
     },
     Ellipsoid {
         radii: Vector,
@@ -115,7 +116,11 @@ impl Shape {
     pub fn contact(&self, a: &Vector, b: &Vector) -> Option<Contact> {
         match self {
             Shape::Sphere { radius } => around_sphere(*radius, a, b),
-            Shape::Cylinder { radius, side } => around_cylinder(*radius, *side, a, b),
+            Shape::Cylinder { radius, side, length } => {
+                let beyond = |x: &Vector| x[2].abs() > 0.5 * length;
+                let contact = around_cylinder(*radius, *side, a, b);
+                contact.filter(|contact| !(beyond(&contact.first) && beyond(&contact.last)))
+            }
             Shape::Ellipsoid { radii } => around_ellipsoid(radii, a, b),
         }
     }
@@ -207,8 +212,8 @@ mod tests {
         let side = Some(Side { axis: 1, sign: -1.0 });
         let shapes = [
             Shape::Sphere { radius: 0.03 },
-            Shape::Cylinder { radius: 0.02, side: None },
-            Shape::Cylinder { radius: 0.02, side },
+            Shape::Cylinder { radius: 0.02, side: None, length: f64::INFINITY },
+            Shape::Cylinder { radius: 0.02, side, length: 10.0 },
             Shape::Ellipsoid { radii: [0.076, 0.174, 0.075] },
             Shape::Ellipsoid { radii: [0.035, 0.021, 0.031] },
         ];

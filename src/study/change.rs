@@ -258,7 +258,9 @@ pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdl
     let wrong = |i: Issue| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
     if SkeletonFile::is_one(&table) {
         let file: SkeletonFile = table.try_into().map_err(no_file)?;
-        return Ok(Model::of_skeleton(Arc::new(file.check().map_err(wrong)?), girdle.into()));
+        let skeleton = file.check().map_err(wrong)?;
+        skeleton.check_study().map_err(wrong)?;
+        return Ok(Model::of_skeleton(Arc::new(skeleton), girdle.into()));
     }
     let file: ModelFile = table.try_into().map_err(no_file)?;
     file.check().map_err(wrong)

@@ -15,7 +15,9 @@ use crate::error::{Issue, Result, SourceFile};
 use crate::model::file::ModelFile;
 use crate::model::{Mechanics, Model};
 use crate::motion::MotionTable;
+use crate::opensim;
 use crate::skeleton::Role;
+use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
 use change::{ModelChange, changed_model};
 use file::{OnFailure, OneOrMany, Ratio};
@@ -209,13 +211,27 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
 /// # Errors
 /// The first mistake, with its place.
 pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
-    match toml::from_str::<toml::Table>(&file.text) {
-        Ok(table) if SkeletonFile::is_one(&table) => {
-            let skeleton = Arc::new(SkeletonFile::load(file)?);
-            Ok((table, Model::of_skeleton(skeleton, crate::skeleton::Girdle::Prescribed)))
-        }
-        _ => ModelFile::load(file),
+    let is_spatial = || toml::from_str(&file.text).is_ok_and(|table| SkeletonFile::is_one(&table));
+    if !opensim::is_one(file) && !is_spatial() {
+        return ModelFile::load(file);
     }
+    let (table, skeleton) = load_skeleton(file)?;
+    skeleton.check_study().map_err(|issue| issue.in_file(file))?;
+    Ok((table, Model::of_skeleton(Arc::new(skeleton), crate::skeleton::Girdle::Prescribed)))
+}
+
+/// A spatial model from a model file or an OpenSim model, and its table.
+///
+/// # Errors
+/// The first mistake, with its place.
+pub fn load_skeleton(file: &SourceFile) -> Result<(toml::Table, Skeleton)> {
+    if opensim::is_one(file) {
+        let imported = opensim::import(file)?.file;
+        let skeleton = imported.check().map_err(|issue| issue.in_file(file))?;
+        return Ok((toml::Table::try_from(imported).expect("a model is plain data"), skeleton));
+    }
+    let skeleton = SkeletonFile::load(file)?;
+    Ok((toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?, skeleton))
 }
 
 /// Every joint coordinate must be measured, unless loops leave some of them to the others. In space those of bodies that move by forces
@@ -228,7 +244,7 @@ fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Res
             let skeleton = &spatial.skeleton;
             let free = skeleton.joints.iter().filter(|joint| skeleton.bodies[joint.child].role == Role::Free);
             let coordinates = free.flat_map(|joint| joint.motion.coordinates()).map(|c| &skeleton.coordinates[c]);
-            coordinates.filter(|c| !c.locked).map(|c| c.name.as_str()).collect()
+            coordinates.filter(|c| !c.locked && c.follows.is_none()).map(|c| c.name.as_str()).collect()
         }
     };
     let missing: Vec<&str> = needed.into_iter().filter(|name| motion.column(name).is_none()).collect();

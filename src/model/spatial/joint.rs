@@ -15,7 +15,7 @@ use super::jet::{Jet, dot};
 use crate::numerics::Scalar;
 use crate::skeleton::frame::{Frame, Vector, cross, unit};
 use crate::skeleton::surface::tangents;
-use crate::skeleton::{self, Motion};
+use crate::skeleton::{self, Axis, Motion};
 
 /// Coordinates of a body.
 pub const PER_BODY: usize = 7;
@@ -162,7 +162,7 @@ impl Joint {
                     Motion::Axes { translations, rotations } if !locked => (translations, rotations),
                     _ => (&[], &[]),
                 };
-                let axis = |entries: &[(usize, Vector)], i: usize| unit(&entries[i].1);
+                let axis = |entries: &[Axis], i: usize| unit(&entries[i].direction);
                 let mut parts = match translations.len() {
                     0 => vec![Part::Coincide],
                     1 => {

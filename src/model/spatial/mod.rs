@@ -286,9 +286,12 @@ impl Spatial {
             [0, 1, 2].map(|i| (0..3).map(|j| frame.axes[i][j] * x[j]).sum())
         };
         let points = (muscle.path.points.iter())
-            .map(|point| PathPoint {
-                place: place(point.body, &point.point),
-                moves: point.moves.as_ref().map(|(c, slope)| (self.elevation(*c), turn(point.body, slope))),
+            .map(|point| match point.in_proportion() {
+                None => PathPoint { place: place(point.body, &point.point), moves: None },
+                Some((coordinate, slope, start)) => PathPoint {
+                    place: place(point.body, &start),
+                    moves: Some((self.elevation(coordinate), turn(point.body, &slope))),
+                },
             })
             .collect();
         let surfaces = (muscle.path.surfaces.iter())
@@ -299,7 +302,7 @@ impl Spatial {
                     body: Some(body),
                     frame: frame * surface.frame,
                     shape: surface.shape.clone(),
-                    part: obstacle.part,
+                    parts: obstacle.parts,
                 }
             })
             .collect();
@@ -323,11 +326,11 @@ impl Spatial {
         Some(dot(&long, &across).atan2(dot(&long, &rest)))
     }
 
-    /// The coordinate that moves a path point, as a function of the bodies; the file's check has seen that it is one.
+    /// The coordinate that moves a path point, as a function of the bodies; [`Skeleton::check_study`] has seen that it is one.
     fn elevation(&self, coordinate: usize) -> Elevation {
-        let joint = self.skeleton.elevation_joint(coordinate).expect("checked with the file");
-        let skeleton::Motion::Axes { rotations, .. } = &joint.motion else { unreachable!("checked with the file") };
-        let [a1, a2, a3] = [0, 1, 2].map(|i| skeleton::frame::unit(&rotations[i].1));
+        let joint = self.skeleton.elevation_joint(coordinate).expect("checked with the study");
+        let skeleton::Motion::Axes { rotations, .. } = &joint.motion else { unreachable!("checked with the study") };
+        let [a1, a2, a3] = [0, 1, 2].map(|i| skeleton::frame::unit(&rotations[i].direction));
         let (c, s) = (dot(&a1, &a3), dot(&a1, &skeleton::frame::cross(&a2, &a3)));
         let turn = |body: Option<usize>, inner: &Frame<f64>, x: &Vector| {
             let frame = body.map_or_else(Frame::identity, |b| self.places[b].1) * *inner;

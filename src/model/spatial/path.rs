@@ -61,8 +61,14 @@ pub struct Obstacle {
     /// From the body's centre of mass, in its axes.
     pub frame: Frame<f64>,
     pub shape: Shape,
-    /// The only part of the path that it is in the way of.
-    pub part: Option<usize>,
+    /// First and last of the parts of the path that it is in the way of.
+    pub parts: Option<[usize; 2]>,
+}
+
+impl Obstacle {
+    fn is_in_the_way_of(&self, part: usize) -> bool {
+        self.parts.is_none_or(|[first, last]| (first..=last).contains(&part))
+    }
 }
 
 /// A piece of the path in one pose.
@@ -137,7 +143,7 @@ impl SpatialPath {
         let mut joints = 0;
         for part in 0..self.points.len() - 1 {
             let met: Vec<usize> =
-                (0..self.surfaces.len()).filter(|&s| self.surfaces[s].part.is_none_or(|own| own == part)).collect();
+                (0..self.surfaces.len()).filter(|&s| self.surfaces[s].is_in_the_way_of(part)).collect();
             let (from, to) = (End::Point(part), End::Point(part + 1));
             if met.is_empty() {
                 pieces.push(Piece { from, to, touches: None });

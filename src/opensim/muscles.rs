@@ -1,0 +1,244 @@
+//! Muscles with their paths, and the surfaces that paths wrap.
+
+use super::document::Element;
+use super::frames::{Frames, Placed};
+use super::function::function_of;
+use super::{Notes, Reader};
+use crate::error::Result;
+use crate::skeleton::file::{
+    FollowsEntry, MovesEntry, MuscleEntry, ObstacleEntry, PointEntry, SurfaceEntry, SurfaceKind, WhenEntry,
+};
+use crate::skeleton::function::FunctionEntry;
+
+/// Kinds of muscle, the beginnings of their tags, with the time constants (activation and deactivation, s) that each takes where its file has none.
+const KINDS: [(&str, [f64; 2]); 6] = [
+    ("Thelen2003Muscle", [0.015, 0.05]),
+    ("Millard2012EquilibriumMuscle", [0.01, 0.04]),
+    ("Millard2012AccelerationMuscle", [0.01, 0.04]),
+    ("DeGrooteFregly2016Muscle", [0.015, 0.06]),
+    ("Schutte1993Muscle", [0.0; 2]),
+    ("RigidTendonMuscle", [0.0; 2]),
+];
+
+/// Whether an element of the set of forces is a muscle.
+pub fn is_muscle(element: Element<'_>) -> bool {
+    KINDS.iter().any(|(kind, _)| element.tag().starts_with(kind))
+}
+
+/// Optimal fibre lengths a second, where a muscle has no velocity of its own: all kinds' default.
+const VELOCITY: f64 = 10.0;
+
+pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) -> Result<MuscleEntry> {
+    let name = element.name();
+    let number = |tags: &[&str]| reader.number(element, tags);
+    let needed = |tag: &str| -> Result<f64> {
+        let lacks = || element.error(format!("the muscle has no <{tag}>"), "write it, or put it into <defaults>");
+        number(&[tag])?.ok_or_else(lacks)
+    };
+    let times = KINDS.iter().find(|(kind, _)| element.tag().starts_with(kind)).map_or([0.0; 2], |(_, times)| *times);
+    let mut activation = number(&["activation_time_constant"])?.unwrap_or(times[0]);
+    let mut deactivation = number(&["deactivation_time_constant"])?.unwrap_or(times[1]);
+    let mut velocity = number(&["max_contraction_velocity", "Vmax"])?.unwrap_or(VELOCITY);
+    if element.tag().starts_with("Schutte1993Muscle") {
+        // ȧ = (u − a) (k1 u + k2) / T, and shortening by a fibre length in T.
+        let scale = number(&["time_scale"])?.unwrap_or(0.1);
+        let (k1, k2) = (number(&["activation1"])?.unwrap_or(7.667), number(&["activation2"])?.unwrap_or(1.459854));
+        (activation, deactivation, velocity) = (scale / (k1 + k2), scale / k2, 1.0 / scale);
+    }
+    let time = |time: f64| (time > 0.0).then_some(time);
+    let flag = |tag: &str| reader.flag(element, tag, false);
+    let tendon_slack_length = needed("tendon_slack_length")?;
+    let rigid = flag("ignore_tendon_compliance") || element.tag() == "RigidTendonMuscle" || tendon_slack_length == 0.0;
+    for (tag, lost) in [
+        ("ignore_activation_dynamics", "activation follows excitation with its time constants, not at once"),
+        ("ignore_passive_fiber_force", "its fibre has a passive force"),
+    ] {
+        if flag(tag) {
+            notes.add(&format!("muscle {name}"), format!("{tag} is left away: {lost}"));
+        }
+    }
+    let Some(path) = element
+        .either(&["GeometryPath"])
+        .or_else(|| Some(element).filter(|e| e.child("PathPointSet").is_some() || e.child("MusclePointSet").is_some()))
+    else {
+        return Err(element.error("the muscle has no <GeometryPath>", "a path has an origin and an insertion"));
+    };
+    let points = path.objects(&["PathPointSet", "MusclePointSet"]);
+    Ok(MuscleEntry {
+        name: name.to_owned(),
+        max_isometric_force: needed("max_isometric_force")?,
+        optimal_fibre_length: needed("optimal_fiber_length")?,
+        tendon_slack_length,
+        pennation_angle: number(&["pennation_angle_at_optimal", "pennation_angle"])?.unwrap_or(0.0),
+        activation_time: time(activation),
+        deactivation_time: time(deactivation),
+        max_shortening_velocity: Some(velocity),
+        rigid_tendon: rigid.then_some(true),
+        path: points.iter().map(|point| path_point(reader, *point, name, notes)).collect::<Result<_>>()?,
+        surfaces: obstacles(path, points.len())?,
+    })
+}
+
+fn path_point<'d>(reader: &Reader<'d>, element: Element<'d>, muscle: &str, notes: &mut Notes) -> Result<PointEntry> {
+    let Some(body) = element.reference("parent_frame", &["body"]) else {
+        return Err(element.error("the point is on no body", "name it in <socket_parent_frame>"));
+    };
+    let placed = reader.frames.find(element, body, muscle)?;
+    let coordinate = |socket: &str| {
+        let path = element.reference(socket, &[socket])?;
+        path.rsplit('/').next().map(str::to_owned)
+    };
+    let mut entry = PointEntry {
+        body: placed.body.to_owned(),
+        point: [0.0; 3],
+        moves: None,
+        x: None,
+        y: None,
+        z: None,
+        when: None,
+    };
+    let who = || format!("muscle {muscle}, point {}", element.name());
+    match element.tag() {
+        "MovingPathPoint" | "MovingMusclePoint" => {
+            let mut components = Vec::new();
+            for (tag, older, socket) in [
+                ("x_location", "XAttachment", "x_coordinate"),
+                ("y_location", "YAttachment", "y_coordinate"),
+                ("z_location", "ZAttachment", "z_coordinate"),
+            ] {
+                let function = match function_of(element, tag)? {
+                    Some(function) => Some(function),
+                    None => function_of(element, older)?,
+                };
+                match (function, coordinate(socket)) {
+                    (Some(by), Some(coordinate)) => components.push(FollowsEntry { coordinate, by }),
+                    _ => {
+                        notes.add(&who(), format!("its {tag} is no function of a coordinate that Sinew has: 0 m"));
+                        let by = FunctionEntry::Polynomial(vec![0.0]);
+                        components.push(FollowsEntry { coordinate: String::new(), by });
+                    }
+                }
+            }
+            if placed.frame != crate::skeleton::frame::Frame::identity() {
+                notes.add(&who(), "it moves in a frame of its own, and is taken as if in that of its body");
+            }
+            moving(&mut entry, components);
+        }
+        tag => {
+            entry.point = placed.frame.point(&element.vector("location")?.unwrap_or_default());
+            if tag == "ConditionalPathPoint" || tag == "MuscleViaPoint" {
+                let range = element.vector::<2>("range")?;
+                match (coordinate("coordinate"), range) {
+                    (Some(coordinate), Some(range)) => entry.when = Some(WhenEntry { coordinate, range }),
+                    _ => notes.add(&who(), "it has no coordinate or no range: the path always goes over it"),
+                }
+            }
+        }
+    }
+    Ok(entry)
+}
+
+/// A point whose components are functions: fixed where they are constant, moving in proportion where all are lines of one coordinate.
+fn moving(entry: &mut PointEntry, components: Vec<FollowsEntry>) {
+    let lines: Option<Vec<[f64; 2]>> =
+        components.iter().map(|component| component.by.check(&[]).ok()?.line()).collect();
+    let mut names: Vec<&String> = (components.iter().zip(lines.iter().flatten()))
+        .filter(|(_, line)| line[1] != 0.0)
+        .map(|(component, _)| &component.coordinate)
+        .collect();
+    names.dedup();
+    if let (Some(lines), ..=1) = (&lines, names.len()) {
+        entry.point = [0, 1, 2].map(|i| lines[i][0]);
+        let slope = [0, 1, 2].map(|i| lines[i][1]);
+        entry.moves = names.first().map(|name| MovesEntry { coordinate: (*name).clone(), slope });
+        return;
+    }
+    let mut components = components.into_iter().map(Some);
+    let mut next = || components.next().flatten().filter(|component| !component.coordinate.is_empty());
+    (entry.x, entry.y, entry.z) = (next(), next(), next());
+}
+
+/// Surfaces of a path, each with the parts that it may be in the way of: OpenSim counts points from 1, −1 being the first or last.
+fn obstacles(path: Element<'_>, points: usize) -> Result<Vec<ObstacleEntry>> {
+    let wraps = path.objects(&["PathWrapSet", "MuscleWrapSet"]);
+    let obstacle = |wrap: &Element<'_>| {
+        let Some(name) = wrap.text("wrap_object") else {
+            return Err(wrap.error("the path wraps no object", "name it in <wrap_object>"));
+        };
+        let name = name.rsplit('/').next().unwrap_or(name).to_owned();
+        let [first, last] = wrap.vector::<2>("range")?.unwrap_or([-1.0, -1.0]);
+        let first = if first < 1.0 { 1 } else { first as usize };
+        let last = if last < 1.0 { points } else { (last as usize).min(points) };
+        if first >= last {
+            return Err(wrap.error("the range has no part of the path", "its two points are counted from 1"));
+        }
+        Ok(match (first, last) {
+            (1, last) if last == points => ObstacleEntry::Any(name),
+            (first, last) if last == first + 1 => ObstacleEntry::Part { name, part: first - 1 },
+            (first, last) => ObstacleEntry::Parts { name, parts: [first - 1, last - 2] },
+        })
+    };
+    wraps.iter().map(obstacle).collect()
+}
+
+/// The wrapping surfaces of a body, or of a frame on one.
+pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) -> Result<Vec<SurfaceEntry>> {
+    let elements = owner.objects(&["WrapObjectSet"]);
+    if elements.is_empty() {
+        return Ok(Vec::new());
+    }
+    let placed = match owner.tag() {
+        "Body" | "Ground" => Placed::on(if owner.tag() == "Ground" { "ground" } else { owner.name() }),
+        _ => frames.find(owner, owner.name(), owner.name())?,
+    };
+    let mut found = Vec::new();
+    for element in elements {
+        let who = format!("wrapping object {}", element.name());
+        if !element.flag("active", true) {
+            notes.add(&who, "it is not active in the model, and left away");
+            continue;
+        }
+        let point = element.vector("translation")?.unwrap_or_default();
+        let rotation = element.vector("xyz_body_rotation")?.unwrap_or_default();
+        let placed = placed.within(point, rotation);
+        let (point, rotation) = placed.point_and_rotation();
+        let quadrant = element.text("quadrant").unwrap_or("all");
+        let mut surface = SurfaceEntry {
+            name: element.name().to_owned(),
+            kind: SurfaceKind::Sphere,
+            body: placed.body.to_owned(),
+            point,
+            rotation,
+            radius: element.number("radius")?,
+            radii: None,
+            side: None,
+            length: None,
+        };
+        match element.tag() {
+            "WrapSphere" => {}
+            "WrapCylinder" => {
+                surface.kind = SurfaceKind::Cylinder;
+                surface.length = element.number("length")?;
+                if ["x", "-x", "y", "-y"].contains(&quadrant.trim_start_matches('+')) {
+                    surface.side = Some(quadrant.trim_start_matches('+').to_owned());
+                }
+            }
+            "WrapEllipsoid" => {
+                surface.kind = SurfaceKind::Ellipsoid;
+                (surface.radius, surface.radii) = (None, element.vector("dimensions")?);
+            }
+            other => {
+                notes.add(&who, format!("a {other} is not known: paths go straight on where it is"));
+                continue;
+            }
+        }
+        if !["all", "", "unassigned"].contains(&quadrant) && surface.side.is_none() {
+            notes.add(
+                &who,
+                format!("its side ({quadrant}) is left away: paths take the shortest way around, on either side"),
+            );
+        }
+        found.push(surface);
+    }
+    Ok(found)
+}
