@@ -1,5 +1,6 @@
 //! What can go wrong before a job starts: bad input and I/O. (A job that fails is a row with a status.)
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use miette::{Diagnostic, NamedSource, SourceSpan};
@@ -84,9 +85,25 @@ pub struct SourceFile {
     pub text: String,
 }
 
+/// The largest text file that is read, bytes.
+const LARGEST: u64 = 64 << 20;
+
 impl SourceFile {
+    /// Reads a text file of at most [`LARGEST`].
+    ///
+    /// # Errors
+    /// If it cannot be read, is larger, or is not UTF-8.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+        let failed = |e| Error::io("read", path, e);
+        let mut bytes = Vec::new();
+        // What is read counts: a pipe has no size.
+        std::fs::File::open(path).map_err(failed)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(failed)?;
+        if bytes.len() as u64 > LARGEST {
+            let file = Self { path: path.to_owned(), text: String::new() };
+            let message = format!("{}: the file has more than {} MB", path.display(), LARGEST >> 20);
+            let help = "no study, model or motion is that large: check that it is the file you meant";
+            return Err(file.error(None, message, "", Some(help.to_owned())));
+        }
         match String::from_utf8(bytes) {
             Ok(text) => Ok(Self { path: path.to_owned(), text }),
             Err(error) => {

@@ -252,12 +252,18 @@ impl Solution<'_> {
         let mut push = |time_s: f64, signal: &str, name: &str, value: f64, end_effect: bool| {
             rows.push(TrajectoryRow { time_s, signal: signal.to_owned(), name: name.to_owned(), value, end_effect });
         };
+        let mut near = Vec::new();
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
             for (i, name) in names.iter().enumerate() {
                 push(t, "measured", name, measured[i], false);
                 push(t, "coordinate", name, evaluate(&self.scheme.coordinate_at(t, 0, i), &self.iterate.x), false);
             }
+            let all = [&measured[..], &instant.surroundings().given(t).0[..]].concat();
+            for (name, value) in model.joint_coordinate_values(&all, &mut near) {
+                push(t, "measured_joint_coordinate", name, value, false);
+            }
         }
+        near.clear();
         let rings = instant.form == Form::SecondOrder;
         let count = self.scheme.points().len();
         for (j, (&t, z)) in self.scheme.points().iter().zip(self.locals()).enumerate() {
@@ -267,7 +273,7 @@ impl Solution<'_> {
                 push(t, "acceleration", name, z[instant.acceleration(i)], end);
             }
             let q = instant.coordinates(t, &z);
-            for (name, value) in model.joint_coordinate_values(&q) {
+            for (name, value) in model.joint_coordinate_values(&q, &mut near) {
                 push(t, "joint_coordinate", name, value, false);
             }
             for (m, muscle) in model.muscles.iter().enumerate() {

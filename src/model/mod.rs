@@ -140,14 +140,21 @@ impl Model {
         }
     }
 
-    /// Values of the joint coordinates (rad, m) at all coordinates `q`; of a spatial model the abduction reached.
-    pub fn joint_coordinate_values(&self, q: &[f64]) -> Vec<(&str, f64)> {
+    /// Values of the joint coordinates (rad, m) at all coordinates `q`, of a spatial model those that move by forces and the abduction
+    /// reached. `near`: values before, from which those of a spatial model are found, and which are brought up to date.
+    pub fn joint_coordinate_values(&self, q: &[f64], near: &mut Vec<f64>) -> Vec<(&str, f64)> {
         match &self.mechanics {
             Mechanics::Planar(planar) => {
                 planar.joint_coordinates().map(|(joint, name)| (name, joint.coordinate_value(q).value)).collect()
             }
             Mechanics::Spatial(spatial) => {
-                spatial.abduction_reached(q).map(|angle| (ABDUCTION, angle)).into_iter().collect()
+                if near.is_empty() {
+                    *near = spatial.skeleton.default_pose();
+                }
+                let found = spatial.joint_coordinates(q, near);
+                found.iter().for_each(|&(c, value)| near[c] = value);
+                let named = found.iter().map(|&(c, value)| (spatial.skeleton.coordinates[c].name.as_str(), value));
+                named.chain(spatial.abduction_reached(q).map(|angle| (ABDUCTION, angle))).collect()
             }
         }
     }

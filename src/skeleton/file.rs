@@ -631,7 +631,7 @@ impl SurfaceEntry {
             SurfaceKind::Sphere => Shape::Sphere { radius: radius()? },
             SurfaceKind::Cylinder => {
                 let length = self.length.unwrap_or(f64::INFINITY);
-                if !(length > 0.0) {
+                if length.is_nan() || length <= 0.0 {
                     let message = format!("found {length}");
                     return Err(Issue::new(
                         &place("length"),
@@ -705,7 +705,7 @@ impl MuscleEntry {
                 moves.push(Move { component, coordinate, by });
             }
             let when = entry.when.as_ref().map(|when| {
-                if !(when.range[0] <= when.range[1]) {
+                if when.range[0].is_nan() || when.range[1].is_nan() || when.range[0] > when.range[1] {
                     let message = format!("found the range {:?}", when.range);
                     return Err(Issue::new(&place("path"), message, "a range has its lower end first (rad or m)"));
                 }
@@ -806,7 +806,7 @@ impl Skeleton {
             }
         }
         let spatial = crate::model::spatial::Spatial::new(std::sync::Arc::new(self.clone()), Girdle::Equilibrium);
-        if let Some(body) = spatial.bodies.iter().find(|body| !(body.mass > 0.0)) {
+        if let Some(body) = spatial.bodies.iter().find(|body| body.mass.is_nan() || body.mass <= 0.0) {
             let help = "give it a mass, weld it to a body that has one, or let it move as given";
             return Err(Issue::new(&["body", &body.name, "mass"], "a body that moves by forces has no mass", help));
         }

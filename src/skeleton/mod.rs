@@ -11,6 +11,9 @@ pub mod path;
 pub mod surface;
 pub mod text;
 
+use nalgebra::{DMatrix, DVector};
+use num_dual::Dual64;
+
 use crate::model::curves::ForceVelocity;
 use crate::numerics::Scalar;
 use frame::Frame;
@@ -216,6 +219,67 @@ impl Motion {
                 quarter * on * quarter.inverse() * Frame::rotation(y, winging)
             }
         }
+    }
+}
+
+/// Steps of the search for coordinates, and what counts as none.
+const STEPS: usize = 30;
+const NO_STEP: f64 = 1e-13;
+/// A frame this near (m, and as a rotation's entries) is the one.
+const SAME: f64 = 1e-5;
+
+impl Motion {
+    /// The coordinates (by index) at which the child's joint frame in the parent's is nearest to `wanted`: least squares over its entries,
+    /// by Gauss–Newton from `near` (all coordinates), from elsewhere if that leads nowhere.
+    pub fn coordinates_of(&self, wanted: &Frame<f64>, near: &[f64]) -> Vec<(usize, f64)> {
+        let coordinates = self.coordinates();
+        let starts = (0..3usize.pow(coordinates.len().min(3) as u32)).map(|start| {
+            let mut q = near.to_vec();
+            for (k, &c) in coordinates.iter().take(3).enumerate() {
+                q[c] += [0.0, 2.0, -2.0][start / 3usize.pow(k as u32) % 3];
+            }
+            q
+        });
+        let found = starts.map(|q| self.nearest(&coordinates, wanted, q));
+        let mut best = (f64::INFINITY, near.to_vec());
+        for (miss, q) in found {
+            if miss < best.0 {
+                best = (miss, q);
+            }
+            if best.0 < SAME {
+                break;
+            }
+        }
+        coordinates.into_iter().map(|c| (c, best.1[c])).collect()
+    }
+
+    /// One search: how far off it ends, and where.
+    fn nearest(&self, coordinates: &[usize], wanted: &Frame<f64>, mut q: Vec<f64>) -> (f64, Vec<f64>) {
+        let entries = |frame: &Frame<Dual64>, part: fn(&Dual64) -> f64| {
+            let all = frame.axes.iter().flatten().chain(&frame.origin);
+            DVector::from_iterator(12, all.map(part))
+        };
+        let target = DVector::from_iterator(12, wanted.axes.iter().flatten().chain(&wanted.origin).copied());
+        let n = coordinates.len();
+        let mut miss = f64::INFINITY;
+        for _ in 0..STEPS {
+            let mut slopes = DMatrix::zeros(12, n);
+            let mut gap = DVector::zeros(12);
+            for (k, &c) in coordinates.iter().enumerate() {
+                let seeded: Vec<Dual64> =
+                    q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == c))).collect();
+                let frame = self.frame(&seeded);
+                slopes.set_column(k, &entries(&frame, |x| x.eps));
+                gap = &target - entries(&frame, |x| x.re);
+            }
+            miss = gap.amax();
+            let Ok(step) = slopes.svd(true, true).solve(&gap, 1e-9) else { break };
+            coordinates.iter().zip(step.iter()).for_each(|(&c, step)| q[c] += step);
+            if !(step.amax() > NO_STEP) {
+                break;
+            }
+        }
+        (miss, q)
     }
 }
 

@@ -20,6 +20,7 @@ use crate::skeleton::Role;
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
 use change::{ModelChange, changed_model};
+use file::StudyFile;
 use file::{OnFailure, OneOrMany, Ratio};
 use plan::Plan;
 use settings::{Complaint, Settings, Value};
@@ -76,6 +77,14 @@ impl Study {
     /// The first mistake, with its place in the file it is in.
     pub fn load(path: &Path) -> Result<Self> {
         let (sources, file) = Sources::read(path)?;
+        Self::of(sources, file)
+    }
+
+    /// [`Study::load`] of files that are read already.
+    ///
+    /// # Errors
+    /// The first mistake, with its place in the file it is in.
+    pub fn of(sources: Sources, file: StudyFile) -> Result<Self> {
         let (model_table, model) = load_model(&sources.model)?;
         let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
         check_coverage(&model, &motion, &sources.motion)?;
@@ -88,7 +97,7 @@ impl Study {
         let motion_hash = blake3::hash(sources.motion.text.as_bytes()).to_hex().to_string();
         let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
         plan.check_models(&jobs).map_err(fail)?;
-        plan.check_schemes(&model, &jobs).map_err(fail)?;
+        plan.check_girdle(&model, &jobs).map_err(fail)?;
         check_held_points(&model, &motion, &plan.base, &sources.motion)?;
         let total: usize = plan.sweeps.iter().map(|sweep| sweep.points.len()).sum();
         let (axes, base) = (plan.axes.keys().map(ToString::to_string).collect(), plan.base);

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
-use super::settings::{Complaint, Girdle, Scheme, Settings, Value, WarmStart};
+use super::settings::{Complaint, Girdle, Settings, Value, WarmStart};
 use super::sweep::{self, Expansion, Place, Point};
 use super::{Job, SCHEMA_VERSION};
 use crate::error::Issue;
@@ -289,17 +289,10 @@ impl<'m> Plan<'m> {
         Ok(())
     }
 
-    /// Spatial models need the scheme with velocities of its own; a girdle is only theirs.
-    pub fn check_schemes(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
+    /// A girdle is only that of spatial models.
+    pub fn check_girdle(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
         let spatial = model.spatial().is_some();
         for job in jobs {
-            if spatial && job.settings.scheme == Scheme::Midpoint {
-                let complaint = Complaint::new(
-                    "found \"midpoint\" for a spatial model",
-                    "set scheme = \"radau\" (the default): the midpoint rule is the thesis', for planar models",
-                );
-                return Err(complaint_at(self.place("scheme"), complaint));
-            }
             if !spatial && job.settings.girdle != Girdle::Prescribed {
                 let help = "only spatial models have a girdle: remove the key";
                 return Err(complaint_at(self.place("girdle"), Complaint::new("the model is planar", help)));

@@ -51,7 +51,11 @@ impl Sources {
     }
 }
 
-fn parse(file: &SourceFile) -> Result<StudyFile> {
+/// The study file of a text.
+///
+/// # Errors
+/// If it is no TOML, or has keys or types that a study has not.
+pub fn parse(file: &SourceFile) -> Result<StudyFile> {
     toml::from_str(&file.text).map_err(|e| file.toml_error(&e))
 }
 

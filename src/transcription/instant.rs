@@ -9,7 +9,7 @@
 //! | a, l, v, ȧ, u | activation, fibre length, its velocity, activation's rate, excitation; muscle by muscle | 5 nm | –, L_o, L_o/s, 1/s, – |
 //! | f_r | joint reactions | nc | total weight W |
 //!
-//! The stabilised first-order form ([`Form::Stabilised`]) has q̈ = dv/dt of a velocity v of its own, and `2 nq + nc` more:
+//! The motion of bodies in space has the velocities q̇ in eq. (1), as `nq` more after f_r. The stabilised first-order form ([`Form::Stabilised`]) has q̈ = dv/dt of a velocity v of its own, and `2 nq + nc` more:
 //!
 //! | symbol | what | count | unit |
 //! |---|---|---|---|
@@ -72,6 +72,8 @@ pub struct Instant<'m> {
     nq: usize,
     nc: usize,
     nm: usize,
+    /// Whether velocities are local variables: those of the stabilised form, or of bodies in space.
+    has_velocity: bool,
     /// W, N
     weight: f64,
     /// F_o/W
@@ -104,6 +106,7 @@ impl<'m> Instant<'m> {
             nq: model.coordinates(),
             nc: model.constraints(),
             nm: model.muscles.len(),
+            has_velocity: form == Form::Stabilised || model.spatial().is_some(),
             weight,
             strength: model.muscles.iter().map(|m| m.max_isometric_force / weight).collect(),
             constraint_slots: model.mechanics.constraint_slots(),
@@ -122,7 +125,7 @@ impl<'m> Instant<'m> {
 
     fn around(&self, t: f64, z: &[f64]) -> Around {
         let (mut q, mut velocity) = (z[..self.nq].to_vec(), Vec::new());
-        if self.form == Form::Stabilised {
+        if self.has_velocity {
             velocity.extend_from_slice(&z[self.velocity(0)..self.velocity(0) + self.nq]);
         }
         let (given, rates) = self.surroundings.given(t);
@@ -152,8 +155,9 @@ impl<'m> Instant<'m> {
 
     /// Number of local variables `nz`.
     pub fn variables(&self) -> usize {
-        let more = if self.form == Form::Stabilised { 2 * self.nq + self.nc } else { 0 };
-        2 * self.nq + PER_MUSCLE * self.nm + self.nc + more
+        let velocity = if self.has_velocity { self.nq } else { 0 };
+        let stabilised = if self.form == Form::Stabilised { self.nq + self.nc } else { 0 };
+        2 * self.nq + PER_MUSCLE * self.nm + self.nc + velocity + stabilised
     }
 
     /// Number of equations.
@@ -175,7 +179,11 @@ impl<'m> Instant<'m> {
         2 * self.nq + PER_MUSCLE * self.nm + constraint
     }
 
-    /// v of the stabilised form.
+    pub fn has_velocity(&self) -> bool {
+        self.has_velocity
+    }
+
+    /// v of the stabilised form; q̇ of bodies in space.
     pub fn velocity(&self, coordinate: usize) -> usize {
         self.reaction(self.nc) + coordinate
     }

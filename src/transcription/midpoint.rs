@@ -152,6 +152,9 @@ impl Discretisation for Midpoint {
         for i in 0..self.nq {
             map[i] = self.coordinate_at(t, 0, i);
             map[instant.acceleration(i)] = self.coordinate_at(t, 2, i);
+            if instant.has_velocity() {
+                map[instant.velocity(i)] = self.coordinate_at(t, 1, i);
+            }
         }
         let (value, rate) = (self.state.basis(t, 0), self.state.basis(t, 1));
         let control = self.control.basis(t, 0);

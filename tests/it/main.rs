@@ -7,6 +7,7 @@ mod cli;
 mod compare;
 mod derivatives;
 mod engine;
+mod opensim;
 mod other_readers;
 mod radau;
 mod recheck;

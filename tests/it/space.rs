@@ -342,7 +342,6 @@ fn mistakes_in_spatial_studies_are_named() {
         })
         .collect();
     let cases = [
-        ("the thesis' scheme", "scheme = \"midpoint\"", motion.clone(), vec!["base.scheme", "radau"]),
         ("an unknown girdle", "girdle = \"free\"", motion.clone(), vec!["base.girdle", "equilibrium"]),
         (
             "a coordinate that is missing",

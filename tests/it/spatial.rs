@@ -32,7 +32,10 @@ fn pairs(count: usize) -> Vec<(Vector, Vector)> {
 #[test]
 fn an_ellipsoid_of_equal_radii_is_a_sphere_and_a_long_one_a_cylinder() {
     let (sphere, ball) = (Shape::Sphere { radius: 1.0 }, Shape::Ellipsoid { radii: [1.0; 3] });
-    let (cylinder, long) = (Shape::Cylinder { radius: 1.0, side: None }, Shape::Ellipsoid { radii: [1.0, 1.0, 400.0] });
+    let (cylinder, long) = (
+        Shape::Cylinder { radius: 1.0, side: None, length: f64::INFINITY },
+        Shape::Ellipsoid { radii: [1.0, 1.0, 400.0] },
+    );
     let mut touched = 0;
     for (a, b) in pairs(300) {
         let (one, other) = (sphere.contact(&a, &b), ball.contact(&a, &b));
@@ -86,7 +89,7 @@ fn ways_around_an_ellipsoid_leave_it_along_its_tangents_and_are_shortest_nearby(
 
 #[test]
 fn a_one_sided_cylinder_is_passed_on_its_side_only() {
-    let on = |sign: f64| Shape::Cylinder { radius: 1.0, side: Some(Side { axis: 1, sign }) };
+    let on = |sign: f64| Shape::Cylinder { radius: 1.0, side: Some(Side { axis: 1, sign }), length: f64::INFINITY };
     // A line that passes above the axis without touching.
     let (a, b) = ([-3.0, 2.0, 0.0], [3.0, 2.0, 1.0]);
     assert_eq!(on(1.0).contact(&a, &b), None);

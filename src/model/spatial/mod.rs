@@ -275,6 +275,24 @@ impl Spatial {
         q
     }
 
+    /// Values (rad, m) of the coordinates of joints that move by forces, where the bodies have the coordinates `q` (all of them): of each
+    /// joint those whose frame is nearest to that of its bodies, from `near` on (values of all coordinates).
+    pub fn joint_coordinates(&self, q: &[f64], near: &[f64]) -> Vec<(usize, f64)> {
+        let skeleton = &self.skeleton;
+        let frame = |body: usize| {
+            let (index, inner) = self.places[body];
+            path::frame_of(q, Some(index)) * inner
+        };
+        let is_free = |body: usize| self.places[body].0 < self.bodies.len();
+        let mut values = Vec::new();
+        for joint in skeleton.joints.iter().filter(|joint| is_free(joint.child) && !skeleton.is_locked(joint)) {
+            let parent = joint.parent.map_or_else(Frame::identity, frame) * joint.in_parent;
+            let wanted = parent.inverse() * frame(joint.child) * joint.in_child;
+            values.extend(joint.motion.coordinates_of(&wanted, near));
+        }
+        values
+    }
+
     /// A muscle's path; without slots where it moves no free body.
     pub fn path(&self, muscle: &skeleton::Muscle) -> SpatialPath {
         let place = |body: usize, x: &Vector| {

@@ -87,7 +87,7 @@ enum End {
 }
 
 /// Frame of a body in the ground's; the ground itself for `None`.
-fn frame_of(q: &[f64], body: Option<usize>) -> Frame<f64> {
+pub fn frame_of(q: &[f64], body: Option<usize>) -> Frame<f64> {
     let Some(body) = body else { return Frame::identity() };
     let q = &q[PER_BODY * body..PER_BODY * (body + 1)];
     let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| euler::turn(&q[3..], axis));
