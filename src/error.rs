@@ -88,6 +88,9 @@ pub struct SourceFile {
 /// The largest text file that is read, bytes.
 const LARGEST: u64 = 64 << 20;
 
+/// Lines up to this many bytes are shown with an error.
+const LONGEST_LINE: usize = 1000;
+
 impl SourceFile {
     /// Reads a text file of at most [`LARGEST`].
     ///
@@ -127,9 +130,20 @@ impl SourceFile {
         label: impl Into<String>,
         help: Option<String>,
     ) -> Error {
+        let (mut message, mut text) = (message.into(), String::new());
+        let span = span.filter(|span| {
+            let line = self.text[..span.start].matches('\n').count();
+            let shown = self.text.lines().skip(line.saturating_sub(1)).take(3).map(str::len).max().unwrap_or(0);
+            if shown > LONGEST_LINE {
+                message = format!("{}, line {}: {message}", self.path.display(), line + 1);
+                return false;
+            }
+            text.clone_from(&self.text);
+            true
+        });
         Error::Input(Box::new(InputError {
-            message: message.into(),
-            source_code: NamedSource::new(self.path.display().to_string(), self.text.clone()),
+            message,
+            source_code: NamedSource::new(self.path.display().to_string(), text),
             span: span.map(|s| (s.start, s.end.saturating_sub(s.start)).into()),
             label: label.into(),
             help,
