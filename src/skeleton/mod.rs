@@ -233,6 +233,9 @@ impl Motion {
     /// by Gauss–Newton from `near` (all coordinates), from elsewhere if that leads nowhere.
     pub fn coordinates_of(&self, wanted: &Frame<f64>, near: &[f64]) -> Vec<(usize, f64)> {
         let coordinates = self.coordinates();
+        if coordinates.is_empty() {
+            return Vec::new();
+        }
         let starts = (0..3usize.pow(coordinates.len().min(3) as u32)).map(|start| {
             let mut q = near.to_vec();
             for (k, &c) in coordinates.iter().take(3).enumerate() {

@@ -332,3 +332,65 @@ fn the_command_writes_a_file_never_over_one_and_names_what_is_lost() {
     let (code, _, said) = run(&["--strict", "--out", "strict.toml"]);
     assert!(code == Some(2) && said.contains("ring") && !folder.path().join("strict.toml").exists(), "{said}");
 }
+
+/// Elbow flexion of arm26 in both schemes: the motion is tracked to a degree, the loads are unique, and muscles take their turns as in
+/// OpenSim's static optimisation.
+#[test]
+fn arm26_flexes_its_elbow_with_unique_loads() {
+    let root = super::support::root().display();
+    let study = "name = \"arm26\"\nmodel = \"{root}/data/models/arm26.toml\"\nmotion = \"{root}/data/motions/arm26_elbow_flexion.mot\"\n[base]\nh = 0.041666666666666664\nbounds = \"both_boxed\"\nregularity = \"optimum\"\ntrajectories = true\n[sweep.list]\n";
+    let study = study.replace("{root}", &root.to_string()).replace(
+        "[sweep.list]\n",
+        "[[sweep.list]]\nscheme = \"radau\"\nmu = 0.05\n[[sweep.list]]\nscheme = \"midpoint\"\nmu = 0.2\n",
+    );
+    let folder = super::support::folder(&[("study.toml", &study)]);
+    let (_, study) = super::support::study(&folder);
+    let published = super::support::root().join("data/arm26_static_optimization.csv");
+    let mut published: Vec<(String, f64)> = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .from_path(published)
+        .unwrap()
+        .records()
+        .map(|row| row.map(|row| (row[0].to_owned(), row[1].parse().unwrap())).unwrap())
+        .collect();
+    published.sort_by(|a, b| b.1.total_cmp(&a.1));
+    for (job, limit) in study.jobs.iter().zip([1.0, 2.0]) {
+        assert_eq!(job.points, 25);
+        let outcome = sinew::solve::solve(&study.model, &study.motion, &job.settings, job.points);
+        assert_eq!(outcome.job.status, sinew::outcome::Status::Converged, "{:?}", outcome.job.error);
+        assert!(outcome.regularity.as_ref().unwrap().loads_unique);
+        for name in ["r_shoulder_elev", "r_elbow_flex"] {
+            let of = |signal: &str| -> Vec<(f64, f64)> {
+                let rows = outcome.trajectories.iter().filter(|row| row.signal == signal && row.name == name);
+                rows.map(|row| (row.time_s, row.value)).collect()
+            };
+            let (found, measured) = (of("joint_coordinate"), of("measured_joint_coordinate"));
+            assert_eq!(found.len(), 25);
+            let squares = found.iter().map(|(t, x)| {
+                let near = measured.iter().min_by(|a, b| (a.0 - t).abs().total_cmp(&(b.0 - t).abs())).unwrap();
+                assert!((near.0 - t).abs() < 1e-9);
+                (near.1 - x).powi(2)
+            });
+            let rms = (squares.sum::<f64>() / 25.0).sqrt().to_degrees();
+            assert!(rms < limit, "{name}: {rms} degrees RMS");
+        }
+        let peak = |name: &str| outcome.muscles.iter().find(|row| row.muscle == name).unwrap().peak_activation;
+        let order: Vec<f64> = published.iter().map(|(name, _)| peak(name)).collect();
+        assert!(order[..5].windows(2).all(|pair| pair[0] > pair[1]), "{published:?} {order:?}");
+    }
+}
+
+/// What a job says of joint coordinates is what the motion was made from.
+#[test]
+fn joint_coordinates_are_found_again() {
+    let imported = import(&fixture("kinds_v4.osim")).unwrap();
+    let model = skeleton(&imported);
+    let mut q = model.default_pose();
+    q.iter_mut().enumerate().for_each(|(k, q)| *q += 1.2 * (1.0 + k as f64).sin());
+    for joint in &model.joints {
+        for (coordinate, value) in joint.motion.coordinates_of(&joint.motion.frame(&q), &model.default_pose()) {
+            let name = &model.coordinates[coordinate].name;
+            assert!((value - q[coordinate]).abs() < 1e-9, "{name}: {value} for {}", q[coordinate]);
+        }
+    }
+}
