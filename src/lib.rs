@@ -27,6 +27,7 @@
 //! tables/         the columns, Parquet
 //! compare.rs      results against a baseline, from the tables alone
 //! table1.rs       results beside the thesis' Table 1
+//! report/         a page to look at, from the tables alone
 //! cli/            one file a command
 //! ```
 //!
@@ -51,6 +52,7 @@ pub mod nlp;
 pub mod numerics;
 pub mod opensim;
 pub mod outcome;
+pub mod report;
 pub mod run;
 pub mod skeleton;
 pub mod solution;

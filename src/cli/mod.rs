@@ -6,6 +6,7 @@ mod import;
 mod moment_arms;
 mod plan;
 mod rank;
+mod report;
 mod run;
 mod show;
 mod slurm;
@@ -135,6 +136,21 @@ The folder must be on a file system that all nodes share.")]
     /// Print the JSON Schema of study files, for editors
     #[command(after_help = "Example:\n  sinew schema > study.schema.json")]
     Schema,
+    /// Write a page to look at: DIR/report.html, which opens anywhere and needs no network
+    #[command(after_help = "Examples:
+  sinew report results/table1
+  sinew report results/nightly --compare results/baselines/nightly
+  sinew report results/mu_sweep --out mu_sweep.html")]
+    Report {
+        /// Results folder
+        dir: PathBuf,
+        /// Show what differs from a baseline, old and new values side by side
+        #[arg(long, value_name = "BASELINE")]
+        compare: Option<PathBuf>,
+        /// File to write [default: report.html in the folder]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
     /// Print the tables of a results folder
     #[command(after_help = "Example:\n  sinew show results/table1 --all")]
     Show {
@@ -239,6 +255,7 @@ pub fn main() -> ExitCode {
             &dir,
             &rank::Options { axis: &axis, reference: &reference, measure: &measure, out: out.as_deref() },
         ),
+        Command::Report { dir, compare, out } => report::report(&dir, compare.as_deref(), out),
         Command::Schema => {
             print(&format!("{:#}", crate::study::file::schema()));
             Ok(GOOD)

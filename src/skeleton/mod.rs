@@ -278,7 +278,7 @@ impl Motion {
             miss = gap.amax();
             let Ok(step) = slopes.svd(true, true).solve(&gap, 1e-9) else { break };
             coordinates.iter().zip(step.iter()).for_each(|(&c, step)| q[c] += step);
-            if !(step.amax() > NO_STEP) {
+            if step.amax().is_nan() || step.amax() <= NO_STEP {
                 break;
             }
         }

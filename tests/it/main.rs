@@ -12,6 +12,7 @@ mod other_readers;
 mod radau;
 mod recheck;
 mod regularity;
+mod report;
 mod resume;
 mod space;
 mod spatial;

@@ -1,0 +1,72 @@
+//! The page of `sinew report`: what it holds is what the tables hold.
+
+use std::io::Read;
+
+use base64::Engine;
+use serde_json::Value as Json;
+use sinew::tables::{self, Values};
+
+use super::cli::{sinew, text};
+use super::support::{SMALL, folder};
+
+/// The tables within a page, and its text.
+fn unpacked(page: &std::path::Path) -> (String, Json) {
+    let html = std::fs::read_to_string(page).unwrap();
+    let data = html.split_once("<script id=\"data\" type=\"application/octet-stream\">").unwrap().1;
+    let packed = base64::engine::general_purpose::STANDARD.decode(data.split_once('<').unwrap().0).unwrap();
+    let mut json = String::new();
+    flate2::read::GzDecoder::new(&packed[..]).read_to_string(&mut json).unwrap();
+    let report = serde_json::from_str(&json).unwrap();
+    (html, report)
+}
+
+#[test]
+fn the_page_holds_every_number_of_the_tables() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    assert_eq!(sinew(&["run", "study.toml"], folder.path()).status.code(), Some(0));
+    let made = sinew(&["report", "results/small", "--compare", "results/small"], folder.path());
+    assert_eq!(made.status.code(), Some(0), "{}", text(&made.stderr));
+    let results = folder.path().join("results/small");
+    let (html, report) = unpacked(&results.join("report.html"));
+    assert!(!html.contains("{{") && !html.contains("src=\"http"), "nothing is left open or fetched");
+    for name in ["jobs", "regularity", "muscles", "iterations", "spectrum"] {
+        let table = tables::read(name, &results.join(format!("{name}.parquet"))).unwrap();
+        let columns = report["tables"][name]["columns"].as_array().unwrap();
+        assert_eq!(report["tables"][name]["rows"], table.rows());
+        for ((column, values), shown) in table.columns.iter().zip(columns) {
+            assert_eq!(shown["name"], *column);
+            for row in 0..table.rows() {
+                let found = match values {
+                    Values::Text(v) => {
+                        let word = shown["at"][row].as_i64().unwrap();
+                        let word = usize::try_from(word).ok().map(|word| shown["words"][word].as_str().unwrap());
+                        assert_eq!(word, v[row].as_deref(), "{name}.{column} {row}");
+                        continue;
+                    }
+                    _ => &shown["values"][row],
+                };
+                match values {
+                    Values::Number(v) => assert_eq!(found.as_f64(), v[row], "{name}.{column} {row}"),
+                    Values::Integer(v) => assert_eq!(found.as_i64(), v[row], "{name}.{column} {row}"),
+                    Values::Flag(v) => assert_eq!(found.as_bool(), v[row], "{name}.{column} {row}"),
+                    Values::Text(_) => unreachable!(),
+                }
+            }
+        }
+    }
+    assert_eq!(report["beside"]["changes"].as_array().unwrap().len(), 0);
+}
+
+#[test]
+fn a_folder_without_finished_jobs_has_a_page_and_one_without_a_manifest_an_error() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    assert_eq!(sinew(&["run", "study.toml"], folder.path()).status.code(), Some(0));
+    let results = folder.path().join("results/small");
+    for name in ["jobs", "regularity", "muscles", "iterations", "spectrum", "optima", "sensitivities"] {
+        let _ = std::fs::remove_file(results.join(format!("{name}.parquet")));
+    }
+    assert_eq!(sinew(&["report", "results/small"], folder.path()).status.code(), Some(0));
+    assert_eq!(unpacked(&results.join("report.html")).1["tables"].as_object().unwrap().len(), 0);
+    let none = sinew(&["report", "."], folder.path());
+    assert!(none.status.code() == Some(2) && text(&none.stderr).contains("manifest.json"));
+}
