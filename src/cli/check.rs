@@ -7,9 +7,10 @@ use crate::error::{Error, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
+use crate::opensim;
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
-use crate::study::{Study, load_model, load_skeleton};
+use crate::study::{Study, load_model};
 
 pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
     let model = match model {
@@ -46,10 +47,10 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
         }
         Some("osim") => {
             let file = SourceFile::read(path)?;
-            let (_, skeleton) = load_skeleton(&file)?;
-            let notes = crate::opensim::import(&file)?.notes;
-            let list = super::import::listed(&notes);
-            let list = if notes.is_empty() { list } else { format!("\nNot mapped, and what it means:\n{list}") };
+            let imported = opensim::import(&file)?;
+            let skeleton = imported.file.check().map_err(|issue| opensim::error(&file, &issue))?;
+            let list = super::import::listed(&imported.notes);
+            let list = if list.is_empty() { list } else { format!("\nNot mapped, and what it means:\n{list}") };
             Ok(format!("OpenSim model, {}{list}", described(&skeleton)))
         }
         Some("toml") => {

@@ -28,6 +28,9 @@ impl CubicSpline {
     pub fn new(points: &[(f64, f64)], ends: Ends) -> Self {
         let n = points.len();
         assert!(n >= 2 && points.windows(2).all(|w| w[0].0 < w[1].0), "abscissae must increase");
+        if ends == Ends::Differenced {
+            return Self { points: points.to_vec(), moments: differenced(points) };
+        }
         let mut matrix = SymmetricBand::new(n, 1);
         let mut moments = vec![0.0; n];
         for (i, pair) in points.windows(2).enumerate() {
@@ -47,9 +50,6 @@ impl CubicSpline {
                 matrix.add_outer(end, &[1.0], stiff);
                 moments[end] = 0.0;
             }
-        }
-        if ends == Ends::Differenced && n > 2 {
-            return Self { points: points.to_vec(), moments: differenced(points) };
         }
         matrix.solve(&mut moments).expect("spline matrices are positive definite");
         Self { points: points.to_vec(), moments }
@@ -79,6 +79,9 @@ impl CubicSpline {
 /// Moments with [`Ends::Differenced`]: the outer two are the next ones and a given third derivative, which leaves the inner ones unknown.
 fn differenced(points: &[(f64, f64)]) -> Vec<f64> {
     let n = points.len();
+    if n == 2 {
+        return vec![0.0; 2]; // a line
+    }
     let width = |i: usize| points[i + 1].0 - points[i].0;
     let slope = |i: usize| (points[i + 1].1 - points[i].1) / width(i);
     let third = |i: usize| {

@@ -250,36 +250,37 @@ fn left_away(model: Element<'_>, parts: &[Element<'_>], forces: &[Element<'_>], 
 /// Mends what OpenSim lets pass and no mechanism can have, with a note each.
 fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
     for body in &mut file.body {
-        let massless = body.mass == 0.0 && body.inertia != [0.0; 6];
-        if massless || (body.role == Role::Given && !body.is_physical()) {
-            // It moves as given, or has no mass to turn.
+        let who = format!("body {}", body.name);
+        if body.role == Role::Given && !body.is_physical() {
+            // It moves as given, whatever its mass.
+            (body.mass, body.inertia) = (0.0, [0.0; 6]);
+        } else if body.mass == 0.0 && body.inertia != [0.0; 6] {
+            notes.add(&who, "it has an inertia and no mass: the inertia is left away");
             body.inertia = [0.0; 6];
-            if body.role == Role::Given {
-                body.mass = 0.0;
-            }
-            continue;
-        }
-        if body.mass > 0.0 && !body.is_physical() {
+        } else if body.mass > 0.0 && !body.is_physical() {
             let [xx, yy, zz, ..] = body.inertia;
-            let lost = "its inertia makes no positive definite matrix: products of inertia are left away";
-            notes.add(&format!("body {}", body.name), lost);
+            notes.add(&who, "its inertia makes no positive definite matrix: products of inertia are left away");
             body.inertia = [xx, yy, zz, 0.0, 0.0, 0.0];
         }
     }
     let known: std::collections::HashSet<&str> = file.surface.iter().map(|surface| surface.name.as_str()).collect();
     for muscle in &mut file.muscle {
-        muscle.surfaces.retain(|obstacle| known.contains(obstacle.surface()));
+        let who = format!("muscle {}", muscle.name);
         let inside: Vec<String> = (file.surface.iter())
             .filter(|surface| muscle.path.iter().any(|point| surface.holds(point)))
             .map(|surface| surface.name.clone())
             .collect();
         muscle.surfaces.retain(|obstacle| {
-            let drop = inside.iter().any(|name| name == obstacle.surface());
-            if drop {
-                let lost = format!("a point of its path is inside {}, which it does not wrap here", obstacle.surface());
-                notes.add(&format!("muscle {}", muscle.name), lost);
-            }
-            !drop
+            let name = obstacle.surface();
+            let lost = if !known.contains(name) {
+                format!("it does not wrap {name}, which is not here")
+            } else if inside.iter().any(|inside| inside == name) {
+                format!("a point of its path is inside {name}, which it does not wrap here")
+            } else {
+                return true;
+            };
+            notes.add(&who, lost);
+            false
         });
     }
 }
@@ -292,7 +293,14 @@ impl ObstacleEntry {
     }
 }
 
-/// The error of a model that was read, at the element it is about.
+/// The error of a model that was imported, at the element it is about.
+pub fn error(source: &SourceFile, issue: &Issue) -> crate::error::Error {
+    match document::parse(source) {
+        Ok(document) => at(source, Element { node: document.root_element(), file: source }, issue),
+        Err(error) => error,
+    }
+}
+
 fn at(source: &SourceFile, root: Element<'_>, issue: &Issue) -> crate::error::Error {
     let about = issue.path.get(1).and_then(|name| {
         root.node.descendants().find(|node| node.is_element() && node.attribute("name") == Some(name.as_str()))
@@ -300,6 +308,6 @@ fn at(source: &SourceFile, root: Element<'_>, issue: &Issue) -> crate::error::Er
     let message = format!("{}: {}", issue.path.join("."), issue.message);
     match about {
         Some(node) => Element { node, file: source }.error(message, issue.help.as_deref().unwrap_or("")),
-        None => source.error(None, message, "", issue.help.clone()),
+        None => source.error(None, format!("{}: {message}", source.path.display()), "", issue.help.clone()),
     }
 }

@@ -3,6 +3,7 @@
 //! Bodies form a tree from the ground; each joint has its coordinates (rad, m). Muscle paths go over fixed points, points that
 //! move with a coordinate, and wrapping surfaces. Everything is a function of the joint coordinates q; moment arms are −∂L/∂q.
 
+mod check;
 pub mod ellipsoid;
 pub mod file;
 pub mod frame;

@@ -11,7 +11,7 @@ pub mod sweep;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::error::{Issue, Result, SourceFile};
+use crate::error::{Error, Issue, Result, SourceFile};
 use crate::model::file::ModelFile;
 use crate::model::{Mechanics, Model};
 use crate::motion::MotionTable;
@@ -225,7 +225,7 @@ pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
         return ModelFile::load(file);
     }
     let (table, skeleton) = load_skeleton(file)?;
-    skeleton.check_study().map_err(|issue| issue.in_file(file))?;
+    skeleton.check_study().map_err(|issue| error_of(file, &issue))?;
     Ok((table, Model::of_skeleton(Arc::new(skeleton), crate::skeleton::Girdle::Prescribed)))
 }
 
@@ -236,11 +236,16 @@ pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
 pub fn load_skeleton(file: &SourceFile) -> Result<(toml::Table, Skeleton)> {
     if opensim::is_one(file) {
         let imported = opensim::import(file)?.file;
-        let skeleton = imported.check().map_err(|issue| issue.in_file(file))?;
+        let skeleton = imported.check().map_err(|issue| error_of(file, &issue))?;
         return Ok((toml::Table::try_from(imported).expect("a model is plain data"), skeleton));
     }
     let skeleton = SkeletonFile::load(file)?;
     Ok((toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?, skeleton))
+}
+
+/// An issue with a spatial model, at its place in the model file or the OpenSim model.
+fn error_of(file: &SourceFile, issue: &Issue) -> Error {
+    if opensim::is_one(file) { opensim::error(file, issue) } else { issue.in_file(file) }
 }
 
 /// Every joint coordinate must be measured, unless loops leave some of them to the others. In space those of bodies that move by forces

@@ -394,3 +394,17 @@ fn joint_coordinates_are_found_again() {
         }
     }
 }
+
+#[test]
+fn what_a_study_cannot_have_is_pointed_at_and_what_a_path_lacks_is_named() {
+    let error = sinew::study::load_model(&fixture("kinds_v4.osim")).map(|_| ()).unwrap_err();
+    let said = format!("{:?}", miette::Report::new(error));
+    assert!(said.contains("kinds_v4.osim:") && said.contains("knee_joint"), "{said}");
+    let mut source = fixture("arm_v4.osim");
+    source.text = source.text.replace("<wrap_object>elbow_pulley", "<wrap_object>elbow_pully");
+    let imported = import(&source).unwrap();
+    assert!(imported.notes.iter().any(|note| note.what == "muscle wrapped" && note.lost.contains("elbow_pully")));
+    source.text = fixture("arm_v4.osim").text.replacen("<mass>2</mass>", "<mass>0</mass>", 1);
+    let imported = import(&source).unwrap();
+    assert!(imported.notes.iter().any(|note| note.what == "body upper" && note.lost.contains("inertia")));
+}

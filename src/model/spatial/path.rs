@@ -187,9 +187,9 @@ impl SpatialPath {
         let mut all = Vec::new();
         for part in 0..self.points.len() - 1 {
             let touched = self.touched(q, part, None);
-            let ends = [part, part + 1].map(|point| self.position(point, q));
-            let light = (0..touched.len()).map(|k| touched[k].0).zip(lightness(&ends, &touched));
-            let light = light.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, excess)| *excess < LIGHT * SOFT_EXCESS);
+            let light = (touched.iter().map(|(surface, _)| *surface).zip(self.lightness(q, part, &touched)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+                .filter(|(_, excess)| *excess < LIGHT * SOFT_EXCESS);
             match light {
                 None => self.add(q, &Self::pieces(part, &touched), second, out),
                 Some((surface, _)) => {
@@ -205,6 +205,25 @@ impl SpatialPath {
             all.extend(touched.iter().map(|(surface, _)| *surface));
         }
         all
+    }
+
+    /// About how much longer each contact makes a part of the path: to second order φ² d_a d_b/(2 (d_a + d_b)), with φ the angle that it
+    /// turns the path by and d the ways from the contact before and to the one after.
+    fn lightness(&self, q: &[f64], part: usize, touched: &[(usize, Contact)]) -> Vec<f64> {
+        if touched.is_empty() {
+            return Vec::new();
+        }
+        let ends = [part, part + 1].map(|point| self.position(point, q));
+        let one = |k: usize| {
+            let contact = &touched[k].1;
+            let before = k.checked_sub(1).map_or(ends[0], |k| touched[k].1.last);
+            let after = touched.get(k + 1).map_or(ends[1], |(_, next)| next.first);
+            let (arriving, leaving) = (minus(&contact.first, &before), minus(&after, &contact.last));
+            let (da, db) = (norm(&arriving) + contact.length, norm(&leaving) + contact.length);
+            let turned = norm(&minus(&unit(&leaving), &unit(&arriving)));
+            0.5 * turned * turned * da * db / (da + db)
+        };
+        (0..touched.len()).map(one).collect()
     }
 
     /// Adds a part of the path.
@@ -437,21 +456,6 @@ impl SpatialPath {
             hessian: here.hessian.iter().zip(third).map(|(&h, t)| Dual64::new(h, t)).collect(),
         }
     }
-}
-
-/// About how much longer each contact makes a part of a path: to second order φ² d_a d_b/(2 (d_a + d_b)), with φ the angle that it turns the
-/// path by and d the ways from the contact before and to the one after.
-fn lightness(ends: &[Vector; 2], touched: &[(usize, Contact)]) -> Vec<f64> {
-    let one = |k: usize| {
-        let contact = &touched[k].1;
-        let before = k.checked_sub(1).map_or(ends[0], |k| touched[k].1.last);
-        let after = touched.get(k + 1).map_or(ends[1], |(_, next)| next.first);
-        let (arriving, leaving) = (minus(&contact.first, &before), minus(&after, &contact.last));
-        let (da, db) = (norm(&arriving) + contact.length, norm(&leaving) + contact.length);
-        let turned = norm(&minus(&unit(&leaving), &unit(&arriving)));
-        0.5 * turned * turned * da * db / (da + db)
-    };
-    (0..touched.len()).map(one).collect()
 }
 
 /// Adds B + E_0 p(E/E_0), see [`SpatialPath::length`].
