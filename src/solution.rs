@@ -286,9 +286,15 @@ impl Solution<'_> {
                     push(t, "fibre_velocity", &muscle.name, z[at + VELOCITY], false);
                     push(t, "force_n", &muscle.name, force, false);
                 }
-                for (k, place) in muscle.path.positions(&q).iter().enumerate() {
+            }
+            let paths = model.muscles.iter().map(|muscle| (muscle.name.as_str(), muscle.path.positions(&q)));
+            let lines = paths.map(|path| ("path_point_m", path));
+            for (signal, (name, line)) in
+                lines.chain(model.mechanics.bones(&q).into_iter().map(|bone| ("bone_point_m", bone)))
+            {
+                for (k, place) in line.iter().enumerate() {
                     for (axis, x) in ["x", "y", "z"].iter().zip(place) {
-                        push(t, "path_point_m", &format!("{}.{k}.{axis}", muscle.name), *x, false);
+                        push(t, signal, &format!("{name}.{k}.{axis}"), *x, false);
                     }
                 }
             }

@@ -140,7 +140,8 @@ The folder must be on a file system that all nodes share.")]
     #[command(after_help = "Examples:
   sinew report results/table1
   sinew report results/nightly --compare results/baselines/nightly
-  sinew report results/mu_sweep --out mu_sweep.html")]
+  sinew report results/mu_sweep --out mu_sweep.html
+  sinew report results/arm26 --svg --job 2")]
     Report {
         /// Results folder
         dir: PathBuf,
@@ -150,6 +151,12 @@ The folder must be on a file system that all nodes share.")]
         /// File to write [default: report.html in the folder]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
+        /// Write the figures too, each an SVG file, into a folder `figures` beside the page
+        #[arg(long)]
+        svg: bool,
+        /// Number of the job whose functions of time are drawn [default: the first that has converged]
+        #[arg(long, value_name = "N", requires = "svg")]
+        job: Option<u64>,
     },
     /// Print the tables of a results folder
     #[command(after_help = "Example:\n  sinew show results/table1 --all")]
@@ -255,7 +262,7 @@ pub fn main() -> ExitCode {
             &dir,
             &rank::Options { axis: &axis, reference: &reference, measure: &measure, out: out.as_deref() },
         ),
-        Command::Report { dir, compare, out } => report::report(&dir, compare.as_deref(), out),
+        Command::Report { dir, compare, out, svg, job } => report::report(&dir, compare.as_deref(), out, svg, job),
         Command::Schema => {
             print(&format!("{:#}", crate::study::file::schema()));
             Ok(GOOD)

@@ -91,6 +91,12 @@ impl Mechanics {
         either!(self, m => m.bends(motion, loads, lambda, each));
     }
 
+    /// Each body as a line over points in the ground frame (m), from the joints that hold it to those that it holds and the external forces
+    /// on it; over its centre of mass where these are fewer than two. `q`: all coordinates.
+    pub fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
+        either!(self, m => m.bones(q))
+    }
+
     /// Everything that [`Mechanics::slopes`] can hand out.
     pub fn slope_pattern(&self) -> Vec<(usize, Level, usize)> {
         let nq = self.coordinates();
@@ -129,4 +135,18 @@ impl Mechanics {
         let places = self.slope_pattern().into_iter().filter(|(_, level, _)| *level == Coordinate);
         places.flat_map(|(i, _, j)| pairs.iter().map(move |&(a, b)| ((a, i), (b, j)))).collect()
     }
+}
+
+/// The line of a bone; see [`Mechanics::bones`].
+pub(super) fn through(
+    first: impl Iterator<Item = Vec<f64>>,
+    centre: Vec<f64>,
+    last: impl Iterator<Item = Vec<f64>>,
+) -> Vec<Vec<f64>> {
+    let (mut line, last): (Vec<_>, Vec<_>) = (first.collect(), last.collect());
+    if line.len() + last.len() < 2 {
+        line.push(centre);
+    }
+    line.extend(last);
+    line
 }

@@ -2,7 +2,7 @@
 
 use super::body::{Body, ExternalForce, Place};
 use super::joint::Joint;
-use super::mechanics::{Level, Motion};
+use super::mechanics::{Level, Motion, through};
 use crate::numerics::Scalar;
 
 #[derive(Clone, Debug)]
@@ -31,6 +31,19 @@ impl Planar {
     /// Names of the joint coordinates, in the order of the joints.
     pub fn joint_coordinates(&self) -> impl Iterator<Item = (&Joint, &str)> {
         self.joints.iter().filter_map(|joint| joint.coordinate.as_deref().map(|name| (joint, name)))
+    }
+
+    /// See [`super::Mechanics::bones`].
+    pub fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
+        let position = |place: Place| place.at(q).position.to_vec();
+        let bone = |b: usize| {
+            let on_it = |place: &&Place| place.body() == Some(b);
+            let held_by = self.joints.iter().map(|joint| &joint.child).filter(on_it).copied();
+            let holds = self.joints.iter().map(|joint| &joint.parent).filter(on_it).copied();
+            let forces = self.forces.iter().filter(|f| f.body == b).map(|f| Place::Body(b, f.point));
+            through(held_by.map(position), position(Place::Body(b, [0.0; 2])), holds.chain(forces).map(position))
+        };
+        self.bodies.iter().enumerate().map(|(b, body)| (body.name.as_str(), bone(b))).collect()
     }
 
     /// See [`super::Mechanics::constraint_functions`].

@@ -80,19 +80,25 @@ pub fn solve(
     }
     let mut solution = vec![0.0; kkt.order()];
     let mut factorisations = 0;
+    let mut has_tried_most = false;
     for round in 0..ROUNDS {
-        loop {
+        let mut is_right = |damping: f64, kkt: &mut Kkt| {
+            factorisations += 1;
             let inertia = kkt.factorise(&KktValues {
                 hessian,
                 metric,
-                damping: *damping,
+                damping,
                 equalities: &here.equality_jacobian,
                 inequalities: &here.inequality_jacobian,
                 rows: Rows::Active(&active),
             });
-            factorisations += 1;
-            if inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
-                break;
+            inertia.is_some_and(|inertia| kkt.is_right(inertia))
+        };
+        while !is_right(*damping, kkt) {
+            // Where the largest δ is not enough, none between is tried.
+            if !std::mem::replace(&mut has_tried_most, true) && !is_right(EXACT_DAMPING, kkt) {
+                *damping = damping.max(RAISE * EXACT_DAMPING);
+                return Err(NoStep::Singular);
             }
             raise(damping)?;
             if *damping > EXACT_DAMPING {

@@ -339,7 +339,7 @@ impl Sqp<'_> {
 
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
-        let hopeless = std::mem::take(&mut self.convexified) && self.is_too_curved(damping.max(EXACT_DAMPING));
+        let mut hopeless = std::mem::take(&mut self.convexified) && self.is_too_curved(damping.max(EXACT_DAMPING));
         if let Some(guess) = &self.active {
             if !hopeless {
                 let mut exact = *damping;
@@ -349,6 +349,7 @@ impl Sqp<'_> {
                     *damping = exact;
                     return Ok(step);
                 }
+                hopeless = exact > self.most.max(EXACT_DAMPING);
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one.

@@ -36,6 +36,8 @@ const OF_FEW: [&str; 8] = [
     "sigma_max_a",
     "sigma_max_aj",
 ];
+/// Tables of a baseline whose curves are drawn beside the new ones.
+const OF_BASELINE: [&str; 4] = ["jobs", "muscles", "ratios", "trajectories"];
 /// Changes against a baseline that are listed.
 const CHANGES: usize = 2_000;
 
@@ -50,6 +52,7 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
         .map(|name| format!("{name} is not the file that the manifest speaks of"))
         .collect();
     let found = read_all(dir, &mut notes)?;
+    let jobs = found.get("jobs").and_then(|jobs| jobs["rows"].as_u64()).unwrap_or_default() as usize;
     let beside = baseline.map(|baseline| beside(dir, baseline, &mut notes)).transpose()?;
     let units: Map<String, Json> = manifest.axes.iter().map(|axis| (axis.clone(), json!(schema::unit(axis)))).collect();
     let study = &manifest.study;
@@ -64,7 +67,8 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
         },
         "sinew": manifest.sinew,
         "host": manifest.host,
-        "planned": manifest.jobs.len(),
+        // A baseline's manifest names no jobs.
+        "planned": manifest.jobs.len().max(jobs),
         "axes": manifest.axes,
         "units": units,
         "base": manifest.base,
@@ -89,7 +93,7 @@ fn read_all(dir: &Path, notes: &mut Vec<String>) -> Result<Map<String, Json>> {
         if many {
             table.columns.retain(|(column, _)| !OF_FEW.contains(&column.as_str()));
         }
-        let rows = whole_jobs(&table, cells / table.columns.len().max(1));
+        let rows = whole_jobs(&table, cells);
         if rows < table.rows() {
             let jobs = jobs_of(&table, rows);
             notes.push(format!("of {name} the page has the first {jobs} jobs; all are in {name}.parquet"));
@@ -99,8 +103,9 @@ fn read_all(dir: &Path, notes: &mut Vec<String>) -> Result<Map<String, Json>> {
     Ok(found)
 }
 
-/// The number of rows, at most `most`, that ends with the last row of a job.
-fn whole_jobs(table: &Table, most: usize) -> usize {
+/// The number of rows, of no more than so many cells, that ends with the last row of a job.
+fn whole_jobs(table: &Table, cells: usize) -> usize {
+    let most = cells / table.columns.len().max(1);
     if table.rows() <= most {
         return table.rows();
     }
@@ -161,7 +166,7 @@ fn curves() -> Json {
     ])
 }
 
-/// The baseline's own tables of jobs and muscles, and what has changed.
+/// The baseline's own tables, and what has changed.
 fn beside(dir: &Path, baseline: &Path, notes: &mut Vec<String>) -> Result<Json> {
     let comparison = compare(dir, baseline, &Tolerances::read(baseline, &[])?)?;
     notes.extend(comparison.warnings.iter().cloned());
@@ -180,11 +185,11 @@ fn beside(dir: &Path, baseline: &Path, notes: &mut Vec<String>) -> Result<Json> 
         changes.truncate(CHANGES);
     }
     let mut old = Map::new();
-    for name in ["jobs", "muscles"] {
+    for (name, cells) in CELLS.into_iter().filter(|(name, _)| OF_BASELINE.contains(name)) {
         let path = baseline.join(format!("{name}.parquet"));
         if path.exists() {
             let table = tables::read(name, &path)?;
-            let rows = table.rows();
+            let rows = whole_jobs(&table, cells);
             old.insert(name.to_owned(), columns(&table, rows));
         }
     }

@@ -1,38 +1,68 @@
 //! `report.html`: a results folder for people to look at, one page that needs nothing else. From manifest and tables alone.
 //!
 //! The page holds the tables themselves (columns, gzip, base64), so that every number in it is the number in the Parquet file; `page.js` draws
-//! them with Apache ECharts, which is embedded (`vendor/`, Apache 2.0).
+//! them with Apache ECharts, which is embedded (`vendor/`, Apache 2.0). `figures.js` says what is drawn, on the page and in SVG files.
 
 mod data;
+pub mod svg;
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
 use base64::Engine;
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use serde_json::Value as Json;
 
 use crate::error::{Error, Result};
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
+const FIGURES: &str = include_str!("figures.js");
 const SCRIPT: &str = include_str!("page.js");
 const CHARTS: &str = include_str!("vendor/echarts.min.js");
 
-/// The page of a results folder, beside a baseline's if one is given.
-///
-/// # Errors
-/// If the folder is none of results, or a table cannot be read.
-pub fn page(dir: &Path, baseline: Option<&Path>) -> Result<String> {
-    let data = data::gather(dir, baseline)?;
-    let title = escaped(data["study"]["name"].as_str().unwrap_or("Sinew"));
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-    let packed = serde_json::to_writer(&mut encoder, &data)
-        .map_err(std::io::Error::from)
-        .and_then(|()| encoder.flush())
-        .and_then(|()| encoder.finish())
-        .map_err(|e| Error::io("pack the tables of", dir, e))?;
-    let packed = base64::engine::general_purpose::STANDARD.encode(packed);
+/// What a report shows of a results folder.
+pub struct Report<'a> {
+    dir: &'a Path,
+    data: Json,
+}
+
+impl<'a> Report<'a> {
+    /// Of a results folder, beside a baseline if one is given.
+    ///
+    /// # Errors
+    /// If the folder is none of results, or a table cannot be read.
+    pub fn read(dir: &'a Path, baseline: Option<&Path>) -> Result<Self> {
+        Ok(Self { dir, data: data::gather(dir, baseline)? })
+    }
+
+    /// The figures as SVG texts by file name; see [`svg::figures`].
+    ///
+    /// # Errors
+    /// If no job has the number `job`.
+    pub fn figures(&self, job: Option<u64>) -> Result<BTreeMap<String, String>> {
+        svg::figures(self.dir, &self.data, job)
+    }
+
+    /// The page.
+    ///
+    /// # Errors
+    /// If the tables cannot be packed.
+    pub fn page(&self) -> Result<String> {
+        let title = escaped(self.data["study"]["name"].as_str().unwrap_or("Sinew"));
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+        let packed = serde_json::to_writer(&mut encoder, &self.data)
+            .map_err(std::io::Error::from)
+            .and_then(|()| encoder.flush())
+            .and_then(|()| encoder.finish())
+            .map_err(|e| Error::io("pack the tables of", self.dir, e))?;
+        Ok(filled(&title, &base64::engine::general_purpose::STANDARD.encode(packed)))
+    }
+}
+
+fn filled(title: &str, packed: &str) -> String {
     // One pass: what is put in is not looked at again.
     let mut page = String::with_capacity(PAGE.len() + packed.len() + CHARTS.len());
     let mut rest = PAGE;
@@ -40,17 +70,18 @@ pub fn page(dir: &Path, baseline: Option<&Path>) -> Result<String> {
         let (name, after) = after.split_once("}}").unwrap_or((after, ""));
         page.push_str(before);
         page.push_str(match name {
-            "title" => &title,
+            "title" => title,
             "style" => STYLE,
             "charts" => CHARTS,
+            "figures" => FIGURES,
             "script" => SCRIPT,
-            "data" => &packed,
+            "data" => packed,
             _ => "",
         });
         rest = after;
     }
     page.push_str(rest);
-    Ok(page)
+    page
 }
 
 fn escaped(text: &str) -> String {

@@ -18,6 +18,9 @@
 //! The matrix is exact at the solution, so the convergence is quadratic. The start is the way around a sphere of which the
 //! ellipsoid is the affine image, or, where that fails, a taut string of nodes. Source: A. Scholz et al., *Multibody Syst. Dyn.* 36, 2016.
 
+use std::cell::RefCell;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use super::frame::{Vector, along, cross, dot, minus, norm, unit};
 use super::surface::{Contact, Spread, around_sphere};
 
@@ -28,8 +31,33 @@ const STEPS: usize = 48;
 const NEWTON: usize = 40;
 const TOLERANCE: f64 = 1e-13;
 
+/// Ways kept to be asked for again: functions, Jacobian and Hessian of a problem all want those of the same instant.
+const KEPT: usize = 1 << 13;
+
+/// Radii, a and b to the last bit, and the way.
+type Kept = ([u64; 9], Option<Contact>);
+
+thread_local! {
+    static WAYS: RefCell<Vec<Option<Kept>>> = RefCell::new(vec![None; KEPT]);
+}
+
 /// See [`super::surface::Shape::contact`].
 pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contact> {
+    let key: [u64; 9] = std::array::from_fn(|i| [radii, a, b][i / 3][i % 3].to_bits());
+    let mut hasher = DefaultHasher::new();
+    key.hash(&mut hasher);
+    let place = hasher.finish() as usize % KEPT;
+    WAYS.with_borrow_mut(|ways| match ways[place] {
+        Some((kept, way)) if kept == key => way,
+        _ => {
+            let way = shortest_way(radii, a, b);
+            ways[place] = Some((key, way));
+            way
+        }
+    })
+}
+
+fn shortest_way(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contact> {
     // In units of the mean radius.
     let unit_length = radii.iter().sum::<f64>() / 3.0;
     let scaled = |x: &Vector| x.map(|x| x / unit_length);

@@ -3,6 +3,7 @@
 mod analytic;
 mod architecture;
 mod bad_input;
+mod browser;
 mod cli;
 mod compare;
 mod derivatives;

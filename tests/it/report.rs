@@ -7,7 +7,10 @@ use serde_json::Value as Json;
 use sinew::tables::{self, Values};
 
 use super::cli::{sinew, text};
-use super::support::{SMALL, folder};
+use sinew::report::svg;
+use sinew::study::Study;
+
+use super::support::{SMALL, folder, root};
 
 /// The tables within a page, and its text.
 fn unpacked(page: &std::path::Path) -> (String, Json) {
@@ -69,4 +72,50 @@ fn a_folder_without_finished_jobs_has_a_page_and_one_without_a_manifest_an_error
     assert_eq!(unpacked(&results.join("report.html")).1["tables"].as_object().unwrap().len(), 0);
     let none = sinew(&["report", "."], folder.path());
     assert!(none.status.code() == Some(2) && text(&none.stderr).contains("manifest.json"));
+}
+
+#[test]
+fn figures_are_svg_files_that_say_where_they_come_from() {
+    let text_of = SMALL.replace("[sweep.grid]", "trajectories = true\n[sweep.grid]");
+    let folder = folder(&[("study.toml", &text_of)]);
+    assert_eq!(sinew(&["run", "study.toml", "--out", "out"], folder.path()).status.code(), Some(0));
+    let made = sinew(&["report", "out", "--svg", "--job", "3"], folder.path());
+    assert_eq!(made.status.code(), Some(0), "{}", text(&made.stderr));
+    let study = Study::load(&folder.path().join("study.toml")).unwrap();
+    let mut names = Vec::new();
+    for file in std::fs::read_dir(folder.path().join("out/figures")).unwrap().map(|file| file.unwrap()) {
+        let figure = std::fs::read_to_string(file.path()).unwrap();
+        let xml = roxmltree::Document::parse(&figure).unwrap();
+        let said =
+            |tag: &str| xml.descendants().find(|node| node.tag_name().name() == tag).and_then(|node| node.text());
+        let shapes = xml.descendants().filter(|node| node.tag_name().name() == "path").count();
+        assert!(shapes > 3 && !figure.contains("NaN") && said("title").is_some(), "{file:?}");
+        assert!(said("desc").unwrap().contains(&study.hash()), "{file:?}");
+        names.push(file.file_name().into_string().unwrap());
+    }
+    for name in
+        ["Tendon", "mean_force_n-over-mu-All_muscles", "peak_activation-over-bounds-All_muscles", "job-3-force_n"]
+    {
+        assert!(names.contains(&format!("{name}.svg")), "{name}: {names:?}");
+    }
+    let none = sinew(&["report", "out", "--svg", "--job", "99"], folder.path());
+    assert!(none.status.code() == Some(2) && text(&none.stderr).contains("number 99"), "{}", text(&none.stderr));
+}
+
+#[test]
+fn the_gallery_is_of_the_shipped_studies_as_they_are() {
+    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    let mut count = 0;
+    for file in std::fs::read_dir(root().join("data/gallery")).unwrap().map(|file| file.unwrap()) {
+        let name = file.file_name().into_string().unwrap();
+        let Some((study, _)) = name.strip_suffix(".svg").and_then(|name| name.split_once('-')) else { continue };
+        let figure = std::fs::read_to_string(file.path()).unwrap();
+        let study = Study::load(&root().join(format!("studies/{study}.toml"))).unwrap();
+        for said in [study.hash(), svg::drawn_by()] {
+            assert!(figure.contains(&said), "{name} is not of {said}: data/gallery/make.sh makes it anew");
+        }
+        assert!(readme.contains(&format!("data/gallery/{name}")), "{name} is not in the README");
+        count += 1;
+    }
+    assert_eq!(count, readme.matches("](data/gallery/").count(), "all images of the README are there");
 }

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 
-use super::mechanics::{Level, Motion};
+use super::mechanics::{Level, Motion, through};
 use crate::numerics::Scalar;
 use crate::skeleton::frame::{Frame, Vector, dot, minus};
 use crate::skeleton::{self, Girdle, Role, Skeleton};
@@ -170,6 +170,26 @@ impl Spatial {
 
     pub fn constraints(&self) -> usize {
         self.joints.iter().map(Joint::constraints).sum()
+    }
+
+    /// See [`super::Mechanics::bones`].
+    pub fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
+        let position = |(body, point): (usize, Vector)| {
+            let q = &q[PER_BODY * body..PER_BODY * (body + 1)];
+            let turned = euler::rotate(&q[3..], point);
+            (0..3).map(|axis| q[axis] + turned[axis]).collect::<Vec<f64>>()
+        };
+        let joints = || self.joints.iter().filter(|joint| !joint.is_normal());
+        let bone = |b: usize| {
+            let on_it = |place: &Place| (place.body == Some(b)).then_some((b, place.point));
+            let held_by = joints().filter_map(|joint| on_it(&joint.child));
+            let forces = self.forces.iter().filter(|f| f.body == b).map(|f| (b, f.point));
+            let holds = joints().filter_map(|joint| on_it(&joint.parent)).chain(forces);
+            through(held_by.map(position), position((b, [0.0; 3])), holds.map(position))
+        };
+        let names = self.bodies.iter().map(|body| &body.name);
+        let names = names.chain(self.given.iter().map(|&b| &self.skeleton.bodies[b].name));
+        names.enumerate().map(|(b, name)| (name.as_str(), bone(b))).collect()
     }
 
     /// See [`super::Mechanics::constraint_functions`].

@@ -1,0 +1,27 @@
+'use strict';
+// Every figure of a report as an SVG text, for paper: {file name: text}. Functions of time are those of `job` (its number), or of the first
+// job that has converged; loads are over each axis that was swept. Each file says what it shows and where it comes from; `drawn` names the code.
+const sinewSvg = (report, drawn, job) => {
+  const WIDTH = 640;
+  const PIXELS_PER_REM = 16;
+  const PAPER = { ink: '#1b1f24', soft: '#57606a', line: '#d0d7de', paper: '#ffffff' };
+  const MEASURES = ['mean_force_n', 'peak_force_n', 'mean_activation', 'peak_activation'];
+  const { study, sinew } = report;
+  const from = `sinew ${sinew.version}, solver ${sinew.solver}, study ${study.name} ${study.hash}, drawn by ${drawn}`;
+  const escaped = (text) => text.replace(/[&<>]/g, (one) => ({ '&': '&amp;', '<': '&lt;', '>': '&gt;' })[one]);
+  const figures = sinewFigures(report);
+  const { jobs, axes } = figures;
+  const row = job === undefined ? figures.firstJob() : jobs.values('index').indexOf(job);
+  if (row < 0) throw new Error(`no job of the tables has the number ${job}`);
+  const all = [...figures.curves()];
+  if (figures.muscleNames.length) for (const x of axes) for (const measure of MEASURES) all.push(...figures.loads(figures.ofLoads({ x, measure })));
+  if (jobs.rows) all.push(...figures.ofJob(row).map((figure) => ({ ...figure, name: `job-${jobs.at('index', row)}-${figure.name}` })));
+  return Object.fromEntries(all.map((figure) => {
+    const look = { ...PAPER, still: true, width: WIDTH, height: PIXELS_PER_REM * (figure.rem ?? 25) };
+    const chart = echarts.init(null, null, { renderer: 'svg', ssr: true, width: look.width, height: look.height });
+    chart.setOption({ ...figures.chartOption(figure, look), backgroundColor: PAPER.paper });
+    const text = chart.renderToSVGString();
+    chart.dispose();
+    return [`${figure.name}.svg`, text.replace(/^<svg[^>]*>/, (open) => `${open}\n<title>${escaped(figure.alt)}</title>\n<desc>${escaped(from)}</desc>`)];
+  }));
+};

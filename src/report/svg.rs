@@ -1,0 +1,52 @@
+//! The figures of a report as SVG files: the page's own `figures.js` and charting library, run without a browser.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use rquickjs::{CatchResultExt, CaughtError, Context, Ctx, Function, Runtime};
+use serde_json::Value as Json;
+
+use super::{CHARTS, FIGURES};
+use crate::error::{Error, Result};
+
+const DRIVER: &str = include_str!("svg.js");
+/// Nothing is animated, so nothing has to wait.
+const NO_CLOCK: &str = "globalThis.setTimeout = () => 0; globalThis.clearTimeout = () => {};";
+
+/// Texts by file name; functions of time of the job with number `job`, else of the first that has converged.
+///
+/// # Errors
+/// If no job has that number.
+pub fn figures(dir: &Path, report: &Json, job: Option<u64>) -> Result<BTreeMap<String, String>> {
+    let draw = || -> std::result::Result<BTreeMap<String, String>, String> {
+        let runtime = Runtime::new().map_err(|e| e.to_string())?;
+        let context = Context::full(&runtime).map_err(|e| e.to_string())?;
+        context.with(|ctx| drawn(&ctx, report, job).catch(&ctx).map_err(|e| reason(&e)))
+    };
+    draw().map_err(|reason| Error::table("draw the figures of", dir, &reason))
+}
+
+/// Names the code that draws: it changes when pictures may.
+pub fn drawn_by() -> String {
+    let mut hasher = blake3::Hasher::new();
+    for script in [CHARTS, FIGURES, DRIVER] {
+        hasher.update(script.as_bytes());
+    }
+    hasher.finalize().to_hex()[..8].to_owned()
+}
+
+/// What was thrown, without the way there.
+fn reason(error: &CaughtError<'_>) -> String {
+    match error {
+        CaughtError::Exception(thrown) => thrown.message().unwrap_or_else(|| error.to_string()),
+        _ => error.to_string(),
+    }
+}
+
+fn drawn<'js>(ctx: &Ctx<'js>, report: &Json, job: Option<u64>) -> rquickjs::Result<BTreeMap<String, String>> {
+    for script in [NO_CLOCK, CHARTS, FIGURES, DRIVER] {
+        ctx.eval::<(), _>(script)?;
+    }
+    let draw: Function<'js> = ctx.eval("sinewSvg")?;
+    draw.call((ctx.json_parse(report.to_string())?, drawn_by(), job))
+}
