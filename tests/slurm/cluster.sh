@@ -107,12 +107,27 @@ kill_node() {
   done
 }
 
+# Back only when all daemons are gone: slurmctld saves its state as it goes.
 down() {
-  local pid
+  local pid pids=()
   for pid in "$1"/run/slurmd.*.pid "$1/run/slurmctld.pid" "$1/munge/pid"; do
-    # A node that was lost has a process number and no process.
-    if [ -s "$pid" ]; then kill "$(cat "$pid")" 2> /dev/null || true; fi
+    if [ -s "$pid" ]; then pids+=("$(cat "$pid")"); fi
   done
+  # A node that was lost has a process number and no process.
+  for pid in "${pids[@]}"; do kill "$pid" 2> /dev/null || true; done
+  for _ in $(seq 100); do
+    any_alive "${pids[@]}" || return 0
+    sleep 0.1
+  done
+  for pid in "${pids[@]}"; do kill -9 "$pid" 2> /dev/null || true; done
+}
+
+any_alive() {
+  local pid
+  for pid in "$@"; do
+    if kill -0 "$pid" 2> /dev/null; then return 0; fi
+  done
+  return 1
 }
 
 case "${1:-}" in

@@ -11,7 +11,11 @@ if [ "$(id -u)" != 0 ] || ! "$here/cluster.sh" install > /dev/null 2>&1; then
   exit 0
 fi
 dir=$(mktemp -d /tmp/slurm-test.XXXXXX)
-trap '"$here/cluster.sh" down "$dir"; rm -rf "$dir"' EXIT
+clean() {
+  "$here/cluster.sh" down "$dir"
+  rm -rf "$dir" || echo "left behind: $dir"
+}
+trap clean EXIT
 if ! "$here/cluster.sh" up "$dir" 2> "$dir/up.log"; then
   cat "$dir/up.log"
   echo "SKIPPED: the Slurm test: no cluster comes up on this machine"
