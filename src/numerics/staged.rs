@@ -1,17 +1,18 @@
 //! L D Lᵀ of a sparse symmetric indefinite matrix whose unknowns come in stages (time), each coupled only to
 //! near stages. Work and memory are linear in the number of stages.
 //!
-//! A dense window slides along the stages (a chain of fronts):
+//! Dense fronts in a tree: a chain along the stages, and in each stage small ones for the groups of unknowns (a muscle's)
+//! that meet only through the others of their stage:
 //!
 //! ```text
-//!            delayed  own stage  border: later unknowns met so far
+//!            delayed    own     border: later unknowns met so far
 //!          ⎡    ·         ·         ·   ⎤
 //!   F  =   ⎢    ·         ·         ·   ⎥   pivots only from the first two groups
 //!          ⎣    ·         ·         ·   ⎦
 //! ```
 //!
 //! Pivots of order 1 and 2 must pass a threshold test against their whole columns; those that do not are
-//! delayed to the next stage. That keeps the factors bounded without regularisation (Duff and Reid, *The
+//! delayed to the next front. That keeps the factors bounded without regularisation (Duff and Reid, *The
 //! multifrontal solution of indefinite sparse symmetric linear equations*, ACM TOMS 9, 1983). By Sylvester's law
 //! the signs of the pivots are the signs of the eigenvalues.
 
@@ -30,33 +31,76 @@ pub struct Inertia {
     pub negative: usize,
 }
 
+/// The pattern of a dense front.
 #[derive(Clone, Debug, Default)]
-struct Stage {
+struct Pattern {
     own: Vec<usize>,
     border: Vec<usize>,
-    /// Place of each of the previous stage's border unknowns among `own` then `border`.
-    carry: Vec<usize>,
+    /// Of each front that this one takes in, the place of its border unknowns among `own` then `border`.
+    children: Vec<Vec<usize>>,
     /// (row, column among `own` then `border`, slot in the matrix' values)
     entries: Vec<(usize, usize, usize)>,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Pivot {
-    first: usize,
-    /// For a pivot of order 2.
-    second: Option<usize>,
-    /// Inverse of the pivot block: (1,1), (1,2), (2,2).
-    inverse: [f64; 3],
-    /// End of this pivot's entries in `rows` and `multipliers`.
-    end: usize,
+/// What is left of a front for the one that takes it in: over unknowns that had no acceptable pivot, then its border.
+#[derive(Clone, Debug, Default)]
+struct Rest {
+    delayed: Vec<usize>,
+    values: Vec<f64>,
 }
 
-/// D and the columns of L.
+/// A pivot of order 1 or 2: its first row in the front, and the inverse of its block: (1,1), (1,2), (2,2).
+#[derive(Clone, Copy, Debug)]
+struct Pivot {
+    row: usize,
+    two: bool,
+    inverse: [f64; 3],
+}
+
+impl Pivot {
+    /// The row after it.
+    fn end(&self) -> usize {
+        self.row + 1 + usize::from(self.two)
+    }
+}
+
+/// The pivots and what they stand for: of each front its unknowns in their last order, and D Lᵀ right of the pivots, row by row.
 #[derive(Clone, Debug, Default)]
 struct Factors {
+    /// Unknowns that nothing couples, and the inverses of their entries.
+    alone: Vec<(usize, f64)>,
     pivots: Vec<Pivot>,
-    rows: Vec<usize>,
-    multipliers: Vec<[f64; 2]>,
+    unknowns: Vec<usize>,
+    rows: Vec<f64>,
+    /// Where each front ends in the three.
+    ends: Vec<[usize; 3]>,
+}
+
+/// The part of a front.
+struct FrontFactors<'f> {
+    pivots: &'f [Pivot],
+    unknowns: &'f [usize],
+    rows: &'f [f64],
+}
+
+impl Factors {
+    fn clear(&mut self) {
+        self.alone.clear();
+        self.pivots.clear();
+        self.unknowns.clear();
+        self.rows.clear();
+        self.ends.clear();
+    }
+
+    fn front(&self, f: usize) -> FrontFactors<'_> {
+        let [pivots, unknowns, rows] = if f == 0 { [0; 3] } else { self.ends[f - 1] };
+        let ends = self.ends[f];
+        FrontFactors {
+            pivots: &self.pivots[pivots..ends[0]],
+            unknowns: &self.unknowns[unknowns..ends[1]],
+            rows: &self.rows[rows..ends[2]],
+        }
+    }
 }
 
 /// The factorisation; symbolic once, numeric as often as values change.
@@ -68,7 +112,8 @@ pub struct StagedLdl {
     /// S, and S K S as factorised.
     scale: Vec<f64>,
     scaled: Vec<f64>,
-    stages: Vec<Stage>,
+    /// Each after those that it takes in.
+    fronts: Vec<Pattern>,
     factors: Factors,
     work: Work,
 }
@@ -77,8 +122,9 @@ pub struct StagedLdl {
 #[derive(Clone, Debug, Default)]
 struct Work {
     front: Vec<f64>,
-    carried: Vec<f64>,
-    delayed: Vec<usize>,
+    /// The first `waiting` are of fronts that are not taken in yet.
+    rests: Vec<Rest>,
+    waiting: usize,
     index: Vec<usize>,
     place: Vec<usize>,
     coupled: Vec<bool>,
@@ -91,8 +137,10 @@ impl StagedLdl {
     pub fn new(matrix: &Sparse, stage: &[usize]) -> Self {
         let order = matrix.columns;
         let count = stage.iter().max().map_or(0, |last| last + 1);
+        // From the last back: what a state follows from comes with it, so that it need not be delayed.
+        let stage: Vec<usize> = stage.iter().map(|s| count - 1 - s).collect();
         // The first stage that meets each unknown is that of its earliest neighbour.
-        let mut met: Vec<usize> = stage.to_vec();
+        let mut met: Vec<usize> = stage.clone();
         for (row, column, _) in matrix.entries() {
             let earliest = stage[row].min(stage[column]);
             met[row] = met[row].min(earliest);
@@ -104,32 +152,41 @@ impl StagedLdl {
             degree[row] += 1;
             degree[column] += 1;
         }
-        let mut stages = vec![Stage::default(); count];
-        for i in 0..order {
-            stages[stage[i]].own.push(i);
-            stages[met[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
-        }
-        stages.iter_mut().for_each(|s| s.own.sort_by_key(|&i| degree[i]));
-        let mut place = vec![usize::MAX; order];
         let mut by_stage = vec![Vec::new(); count];
         for (row, column, slot) in matrix.entries() {
             by_stage[stage[row].min(stage[column])].push((row, column, slot));
         }
-        for s in 0..count {
-            let members: Vec<usize> = stages[s].own.iter().chain(&stages[s].border).copied().collect();
-            members.iter().enumerate().for_each(|(local, &i)| place[i] = local);
+        let mut stages = vec![Pattern::default(); count];
+        for i in 0..order {
+            stages[stage[i]].own.push(i);
+            stages[met[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
+        }
+        let mut scratch = Scratch { place: vec![usize::MAX; order], group: vec![None; order] };
+        let mut fronts: Vec<Pattern> = Vec::new();
+        let mut before: Vec<usize> = Vec::new();
+        for (s, (mut pattern, entries)) in stages.into_iter().zip(by_stage).enumerate() {
+            pattern.own.sort_by_key(|&i| degree[i]);
+            let first = fronts.len();
+            let may_part = |i: usize| met[i] == s;
+            fronts.extend(scratch.part(pattern, &entries, may_part, &degree));
+            let root = fronts.len() - 1;
+            let own = fronts[root].own.iter().chain(&fronts[root].border);
+            own.enumerate().for_each(|(local, &i)| scratch.place[i] = local);
+            let places = |border: &[usize]| border.iter().map(|&i| scratch.place[i]).collect();
+            let mut children: Vec<Vec<usize>> = Vec::new();
             if s > 0 {
-                stages[s].carry = stages[s - 1].border.iter().map(|&i| place[i]).collect();
+                children.push(places(&before));
             }
-            stages[s].entries =
-                by_stage[s].iter().map(|&(row, column, slot)| (place[row], place[column], slot)).collect();
+            children.extend(fronts[first..root].iter().map(|leaf| places(&leaf.border)));
+            before.clone_from(&fronts[root].border);
+            fronts[root].children = children;
         }
         Self {
             order,
             positions: matrix.entries().map(|(i, j, _)| (i as u32, j as u32)).collect(),
             scale: vec![1.0; order],
             scaled: vec![0.0; matrix.values.len()],
-            stages,
+            fronts,
             factors: Factors::default(),
             work: Work::default(),
         }
@@ -139,54 +196,54 @@ impl StagedLdl {
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
         self.equilibrate(values);
         let (values, factors) = (&self.scaled, &mut self.factors);
-        factors.pivots.clear();
-        factors.rows.clear();
-        factors.multipliers.clear();
-        let Work { front, carried, delayed, index, place, coupled, progress, target } = &mut self.work;
-        delayed.clear();
-        carried.clear();
-        let last = self.stages.len().saturating_sub(1);
-        for s in 0..self.stages.len() {
-            let stage = &self.stages[s];
-            let nd = delayed.len();
-            let old = nd + stage.carry.len();
+        factors.clear();
+        let Work { front, rests, waiting, index, place, coupled, progress, target } = &mut self.work;
+        *waiting = 0;
+        let last = self.fronts.len().saturating_sub(1);
+        for (f, pattern) in self.fronts.iter().enumerate() {
+            let border = pattern.border.len();
+            let first = *waiting - pattern.children.len();
+            let taken = &rests[first..*waiting];
             // Own unknowns that nothing couples now (inequalities that are not active) stay out of the front.
             coupled.clear();
-            coupled.resize(stage.own.len() + stage.border.len(), false);
-            coupled[stage.own.len()..].fill(true);
-            stage.carry.iter().for_each(|&i| coupled[i] = true);
-            for &(i, j, slot) in &stage.entries {
+            coupled.resize(pattern.own.len(), false);
+            coupled.resize(pattern.own.len() + border, true);
+            pattern.children.iter().flatten().for_each(|&i| coupled[i] = true);
+            for &(i, j, slot) in &pattern.entries {
                 if i != j && values[slot] != 0.0 {
                     coupled[i] = true;
                     coupled[j] = true;
                 }
             }
             index.clear();
-            index.extend_from_slice(delayed);
+            taken.iter().for_each(|rest| index.extend_from_slice(&rest.delayed));
             place.clear();
-            for (&i, &coupled) in stage.own.iter().chain(&stage.border).zip(&*coupled) {
+            for (&i, &coupled) in pattern.own.iter().chain(&pattern.border).zip(&*coupled) {
                 place.push(if coupled { index.len() } else { usize::MAX });
                 if coupled {
                     index.push(i);
                 }
             }
             let n = index.len();
-            let summed = n - stage.border.len();
+            let summed = n - border;
             front.clear();
             front.resize(n * n, 0.0);
-            let to = |k: usize| if k < nd { k } else { place[stage.carry[k - nd]] };
-            target.clear();
-            target.extend((0..old).map(to));
-            for i in 0..old {
-                let row = &mut front[target[i] * n..(target[i] + 1) * n];
-                target.iter().zip(&carried[i * old..(i + 1) * old]).for_each(|(&j, value)| row[j] = *value);
+            let mut delayed = 0;
+            for (rest, places) in taken.iter().zip(&pattern.children) {
+                let old = rest.delayed.len() + places.len();
+                target.clear();
+                target.extend(delayed..delayed + rest.delayed.len());
+                target.extend(places.iter().map(|&i| place[i]));
+                delayed += rest.delayed.len();
+                for (&i, values) in target.iter().zip(rest.values.chunks_exact(old.max(1))) {
+                    let row = &mut front[i * n..(i + 1) * n];
+                    target.iter().zip(values).for_each(|(&j, value)| row[j] += *value);
+                }
             }
-            for &(i, j, slot) in &stage.entries {
+            for &(i, j, slot) in &pattern.entries {
                 let (row, column) = (place[i], place[j]);
                 if row == usize::MAX && row == column {
-                    let inverse = [1.0 / values[slot], 0.0, 0.0];
-                    let end = factors.rows.len();
-                    factors.pivots.push(Pivot { first: stage.own[i], second: None, inverse, end });
+                    factors.alone.push((pattern.own[i], 1.0 / values[slot]));
                 } else if row != usize::MAX && column != usize::MAX {
                     front[row * n + column] += values[slot];
                     if row != column {
@@ -194,13 +251,24 @@ impl StagedLdl {
                     }
                 }
             }
-            let k = eliminate(front, n, summed, s == last, index, factors, progress);
-            carried.clear();
-            for i in k..n {
-                carried.extend_from_slice(&front[i * n + k..(i + 1) * n]);
+            let k = eliminate(front, n, summed, f == last, index, progress);
+            for pivot in &progress.done {
+                for row in pivot.row..pivot.end() {
+                    factors.rows.extend_from_slice(&front[row * n + pivot.end()..(row + 1) * n]);
+                }
             }
+            factors.pivots.extend_from_slice(&progress.done);
+            factors.unknowns.extend_from_slice(index);
+            factors.ends.push([factors.pivots.len(), factors.unknowns.len(), factors.rows.len()]);
+            *waiting = first + 1;
+            rests.resize_with(rests.len().max(*waiting), Rest::default);
+            let Rest { delayed, values } = &mut rests[first];
             delayed.clear();
             delayed.extend_from_slice(&index[k..summed]);
+            values.clear();
+            for i in k..n {
+                values.extend_from_slice(&front[i * n + k..(i + 1) * n]);
+            }
         }
         self.inertia()
     }
@@ -232,70 +300,213 @@ impl StagedLdl {
     /// Signs of the eigenvalues, from those of the pivots.
     fn inertia(&self) -> Option<Inertia> {
         let mut inertia = Inertia { positive: 0, negative: 0 };
-        for pivot in &self.factors.pivots {
+        let Factors { alone, pivots, rows, .. } = &self.factors;
+        let alone = alone.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
+        for pivot in alone.chain(pivots.iter().copied()) {
             let [p, q, r] = pivot.inverse;
             let determinant = p * r - q * q;
-            match pivot.second {
+            match pivot.two {
                 _ if !p.is_finite() || !determinant.is_finite() => return None,
-                None if p > 0.0 => inertia.positive += 1,
-                None if p < 0.0 => inertia.negative += 1,
-                None => {}
-                Some(_) if determinant < 0.0 => {
+                false if p > 0.0 => inertia.positive += 1,
+                false if p < 0.0 => inertia.negative += 1,
+                false => {}
+                true if determinant < 0.0 => {
                     inertia.positive += 1;
                     inertia.negative += 1;
                 }
-                Some(_) if p > 0.0 => inertia.positive += 2,
-                Some(_) => inertia.negative += 2,
+                true if p > 0.0 => inertia.positive += 2,
+                true => inertia.negative += 2,
             }
         }
-        self.factors.multipliers.iter().flatten().all(|l| l.is_finite()).then_some(inertia)
+        rows.iter().all(|value| value.is_finite()).then_some(inertia)
     }
 
     /// Solves in place with the last factorisation.
     pub fn solve(&self, x: &mut [f64]) {
         debug_assert_eq!(x.len(), self.order);
         x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
-        let Factors { pivots, rows, multipliers } = &self.factors;
-        let mut begin = 0;
-        for pivot in pivots {
-            let (a, b) = (x[pivot.first], pivot.second.map_or(0.0, |i| x[i]));
-            for at in begin..pivot.end {
-                let [l, m] = multipliers[at];
-                x[rows[at]] -= l * a + m * b;
-            }
-            begin = pivot.end;
+        let mut local = Vec::new();
+        for f in 0..self.fronts.len() {
+            let front = self.factors.front(f);
+            local.clear();
+            local.extend(front.unknowns.iter().map(|&i| x[i]));
+            forward(&front, &mut local);
+            front.unknowns.iter().zip(&local).for_each(|(&i, value)| x[i] = *value);
         }
-        for (k, pivot) in pivots.iter().enumerate().rev() {
-            let begin = if k == 0 { 0 } else { pivots[k - 1].end };
-            let (a, b) = (x[pivot.first], pivot.second.map_or(0.0, |i| x[i]));
-            let [p, q, r] = pivot.inverse;
-            let (mut first, mut second) = (p * a + q * b, q * a + r * b);
-            for at in begin..pivot.end {
-                let (value, [l, m]) = (x[rows[at]], multipliers[at]);
-                first -= l * value;
-                second -= m * value;
-            }
-            x[pivot.first] = first;
-            if let Some(i) = pivot.second {
-                x[i] = second;
-            }
+        for &(i, inverse) in &self.factors.alone {
+            x[i] *= inverse;
+        }
+        for f in (0..self.fronts.len()).rev() {
+            let front = self.factors.front(f);
+            local.clear();
+            local.extend(front.unknowns.iter().map(|&i| x[i]));
+            backward(&front, &mut local);
+            front.unknowns.iter().zip(&local).for_each(|(&i, value)| x[i] = *value);
         }
         x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
     }
 }
 
-/// A pivot of the front that is being eliminated: its first row there, and the inverse of its block.
-#[derive(Clone, Copy, Debug)]
-struct Done {
-    row: usize,
-    two: bool,
-    inverse: [f64; 3],
+/// L⁻¹ of a front.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+fn forward(front: &FrontFactors<'_>, x: &mut [f64]) {
+    let mut rows = front.rows;
+    for pivot in front.pivots {
+        let (known, x) = x.split_at_mut(pivot.end());
+        let [p, q, r] = pivot.inverse;
+        let first;
+        (first, rows) = rows.split_at(x.len());
+        if pivot.two {
+            let second;
+            (second, rows) = rows.split_at(x.len());
+            let (a, b) = (known[pivot.row], known[pivot.row + 1]);
+            let (a, b) = (p * a + q * b, q * a + r * b);
+            x.iter_mut().zip(first.iter().zip(second)).for_each(|(x, (f, s))| *x -= a * f + b * s);
+        } else {
+            let a = p * known[pivot.row];
+            x.iter_mut().zip(first).for_each(|(x, f)| *x -= a * f);
+        }
+    }
+}
+
+/// L⁻ᵀ D⁻¹ of a front.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+fn backward(front: &FrontFactors<'_>, x: &mut [f64]) {
+    let mut rows = front.rows;
+    for pivot in front.pivots.iter().rev() {
+        let (unknown, x) = x.split_at_mut(pivot.end());
+        let [p, q, r] = pivot.inverse;
+        let last;
+        (rows, last) = rows.split_at(rows.len() - x.len());
+        if pivot.two {
+            let first;
+            (rows, first) = rows.split_at(rows.len() - x.len());
+            let (a, b) = (unknown[pivot.row] - dot(first, x), unknown[pivot.row + 1] - dot(last, x));
+            (unknown[pivot.row], unknown[pivot.row + 1]) = (p * a + q * b, q * a + r * b);
+        } else {
+            unknown[pivot.row] = p * (unknown[pivot.row] - dot(last, x));
+        }
+    }
+}
+
+/// Σ aᵢ bᵢ, eight at a time: the same sum for each width of vector registers.
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    let mut lanes = [0.0f64; 8];
+    for (a, b) in a.iter().zip(b) {
+        for ((lane, a), b) in lanes.iter_mut().zip(a).zip(b) {
+            *lane += a * b;
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    lanes.iter().sum::<f64>() + rest
+}
+
+/// Work of a front beside that of its pivots, in multiplications.
+const FRONT: usize = 2000;
+
+/// Work space of the analysis, one entry an unknown.
+struct Scratch {
+    place: Vec<usize>,
+    /// The group of each unknown that belongs to one, while its stage is looked at.
+    group: Vec<Option<usize>>,
+}
+
+impl Scratch {
+    /// Parts a stage into fronts of groups and, last, that of the rest: unknowns that `may_part` and have few neighbours, in groups that
+    /// nothing couples to one another. How few is chosen by the work that is left.
+    fn part(
+        &mut self,
+        stage: Pattern,
+        entries: &[(usize, usize, usize)],
+        may_part: impl Fn(usize) -> bool,
+        degree: &[usize],
+    ) -> Vec<Pattern> {
+        let mut limits: Vec<usize> = stage.own.iter().filter(|&&i| may_part(i)).map(|&i| degree[i]).collect();
+        limits.dedup();
+        let mut best = self.parted(&stage, entries, |_| false);
+        for limit in limits {
+            let parts = self.parted(&stage, entries, |i| may_part(i) && degree[i] <= limit);
+            if work(&parts) < work(&best) {
+                best = parts;
+            }
+        }
+        best
+    }
+
+    /// The fronts of a stage: the connected groups of the unknowns that `parts`, and the rest.
+    fn parted(
+        &mut self,
+        stage: &Pattern,
+        entries: &[(usize, usize, usize)],
+        parts: impl Fn(usize) -> bool,
+    ) -> Vec<Pattern> {
+        let mut count = 0;
+        for &i in &stage.own {
+            self.group[i] = parts(i).then_some(count);
+            count += usize::from(parts(i));
+        }
+        // The smallest number spreads over each connected group.
+        loop {
+            let mut changed = false;
+            for &(i, j, _) in entries {
+                if let (Some(a), Some(b)) = (self.group[i], self.group[j])
+                    && a != b
+                {
+                    (self.group[i], self.group[j]) = (Some(a.min(b)), Some(a.min(b)));
+                    changed = true;
+                }
+            }
+            if !changed {
+                break;
+            }
+        }
+        let mut fronts = vec![Pattern::default(); count + 1];
+        for &i in &stage.own {
+            fronts[self.group[i].unwrap_or(count)].own.push(i);
+        }
+        fronts[count].border.clone_from(&stage.border);
+        let mut by_front = vec![Vec::new(); count + 1];
+        for &(i, j, slot) in entries {
+            let front = self.group[i].or(self.group[j]).unwrap_or(count);
+            by_front[front].push((i, j, slot));
+            if front < count {
+                let border = [i, j].into_iter().filter(|&i| self.group[i].is_none());
+                fronts[front].border.extend(border);
+            }
+        }
+        for (front, entries) in fronts.iter_mut().zip(by_front) {
+            front.border.sort_unstable();
+            front.border.dedup();
+            let members = front.own.iter().chain(&front.border);
+            members.enumerate().for_each(|(local, &i)| self.place[i] = local);
+            let local = |(i, j, slot): (usize, usize, usize)| (self.place[i], self.place[j], slot);
+            front.entries = entries.into_iter().map(local).collect();
+        }
+        for &i in &stage.own {
+            self.group[i] = None;
+        }
+        let last = fronts.pop();
+        fronts.retain(|front| !front.own.is_empty());
+        fronts.extend(last);
+        fronts
+    }
+}
+
+/// Multiplications of the elimination of these fronts.
+fn work(fronts: &[Pattern]) -> usize {
+    let front = |f: &Pattern| {
+        let (n, rest) = (f.own.len() + f.border.len(), f.border.len());
+        FRONT + (n * n * n - rest * rest * rest) / 3
+    };
+    fronts.iter().map(front).sum()
 }
 
 /// What has been eliminated of a front.
 #[derive(Clone, Debug, Default)]
 struct Progress {
-    done: Vec<Done>,
+    done: Vec<Pivot>,
     /// How many of the pivots done each row has taken in.
     taken: Vec<usize>,
 }
@@ -319,7 +530,6 @@ fn eliminate(
     summed: usize,
     is_last: bool,
     index: &mut [usize],
-    factors: &mut Factors,
     progress: &mut Progress,
 ) -> usize {
     progress.done.clear();
@@ -342,43 +552,115 @@ fn eliminate(
         from = c + 1;
         match partner {
             None => {
-                eliminate_one(&mut front, k, factors);
+                eliminate_one(&mut front, k);
                 k += 1;
             }
             Some(r) => {
                 swap(&mut front, k + 1, if r == k { c } else { r });
-                eliminate_two(&mut front, k, factors);
+                eliminate_two(&mut front, k);
                 k += 2;
             }
         }
     }
-    (k..n).for_each(|row| update(&mut front, row, k));
+    // The rest is symmetric: half of it is brought up to date.
+    let mut row = k;
+    while row < n {
+        row += update(&mut front, row, row);
+    }
+    for i in k..n {
+        for j in i + 1..n {
+            front.values[j * n + i] = front.values[i * n + j];
+        }
+    }
     k
 }
 
-/// Takes into a row, from column k on, the pivots done since it was last looked at.
+/// Takes into a row, from a column on, the pivots done since it was last looked at; and into the rows after it that lack the same ones, as
+/// long as there are many. Returns how many rows are up to date now.
 #[inline(always)]
-fn update(front: &mut Front<'_>, row: usize, k: usize) {
+fn update(front: &mut Front<'_>, row: usize, from: usize) -> usize {
+    let taken = &front.progress.taken;
+    let lacks = front.progress.done.len() - taken[row];
+    let alike = taken[row..].iter().take(TOGETHER).take_while(|&&t| t == taken[row]).count();
+    if lacks >= TOGETHER && alike == TOGETHER {
+        update_rows::<TOGETHER>(front, row, from);
+        TOGETHER
+    } else {
+        update_rows::<1>(front, row, from);
+        1
+    }
+}
+
+/// So many pivot rows go into as many rows at a time: each is then read from the slower memory once for all of them.
+const TOGETHER: usize = 4;
+
+#[inline(always)]
+fn update_rows<const ROWS: usize>(front: &mut Front<'_>, row: usize, from: usize) {
     let n = front.n;
     let (above, rest) = front.values.split_at_mut(row * n);
-    let own = &mut rest[k..n];
+    let own = &mut rest[..ROWS * n];
+    let (mut rows, mut multipliers, mut count) = ([0; TOGETHER], [[0.0; ROWS]; TOGETHER], 0);
     for pivot in &front.progress.done[front.progress.taken[row]..] {
-        let first = &above[pivot.row * n..(pivot.row + 1) * n];
         let [p, q, r] = pivot.inverse;
-        if pivot.two {
-            let second = &above[(pivot.row + 1) * n..(pivot.row + 2) * n];
-            let (x, y) = (first[row], second[row]);
-            if x != 0.0 || y != 0.0 {
-                let (l, m) = (p * x + q * y, q * x + r * y);
-                let pivot_rows = first[k..].iter().zip(&second[k..]);
-                own.iter_mut().zip(pivot_rows).for_each(|(z, (p, q))| *z -= l * p + m * q);
+        let first = &above[pivot.row * n + row..][..ROWS];
+        let second = if pivot.two { &above[(pivot.row + 1) * n + row..][..ROWS] } else { &[0.0; ROWS] };
+        if first.iter().chain(second).all(|&x| x == 0.0) {
+            continue;
+        }
+        for half in 0..=usize::from(pivot.two) {
+            let (p, q) = if half == 0 { (p, q) } else { (q, r) };
+            rows[count] = pivot.row + half;
+            for i in 0..ROWS {
+                multipliers[count][i] = p * first[i] + q * second[i];
             }
-        } else if first[row] != 0.0 {
-            let l = first[row] * p;
-            own.iter_mut().zip(&first[k..]).for_each(|(x, p)| *x -= l * p);
+            count += 1;
+            if count == TOGETHER {
+                subtract(own, above, n, from, rows, &multipliers);
+                count = 0;
+            }
         }
     }
-    front.progress.taken[row] = front.progress.done.len();
+    for (&k, multipliers) in rows.iter().zip(&multipliers).take(count) {
+        let pivot_row = &above[k * n + from..(k + 1) * n];
+        for (own, l) in own.chunks_exact_mut(n).zip(multipliers) {
+            own[from..].iter_mut().zip(pivot_row).for_each(|(x, p)| *x -= l * p);
+        }
+    }
+    front.progress.taken[row..row + ROWS].fill(front.progress.done.len());
+}
+
+/// `own` −= multipliers × the pivot rows `rows`, from a column on.
+#[inline(always)]
+fn subtract<const ROWS: usize>(
+    own: &mut [f64],
+    above: &[f64],
+    n: usize,
+    from: usize,
+    rows: [usize; TOGETHER],
+    multipliers: &[[f64; ROWS]; TOGETHER],
+) {
+    const WIDTH: usize = 8;
+    let wide = from + (n - from) / WIDTH * WIDTH;
+    for at in (from..wide).step_by(WIDTH) {
+        let mut pivots = [[0.0; WIDTH]; TOGETHER];
+        for (pivot, k) in pivots.iter_mut().zip(rows) {
+            pivot.copy_from_slice(&above[k * n + at..][..WIDTH]);
+        }
+        for i in 0..ROWS {
+            let values: &mut [f64; WIDTH] = (&mut own[i * n + at..][..WIDTH]).try_into().expect("as wide");
+            let l = multipliers.map(|of_pivot| of_pivot[i]);
+            for (j, x) in values.iter_mut().enumerate() {
+                *x -= (l[0] * pivots[0][j] + l[1] * pivots[1][j]) + (l[2] * pivots[2][j] + l[3] * pivots[3][j]);
+            }
+        }
+    }
+    for at in wide..n {
+        let pivots = rows.map(|k| above[k * n + at]);
+        for i in 0..ROWS {
+            let l = multipliers.map(|of_pivot| of_pivot[i]);
+            own[i * n + at] -= (l[0] * pivots[0] + l[1] * pivots[1]) + (l[2] * pivots[2] + l[3] * pivots[3]);
+        }
+    }
 }
 
 /// Largest magnitude, eight at a time.
@@ -457,40 +739,22 @@ fn swap(front: &mut Front<'_>, i: usize, j: usize) {
 
 /// Row k is up to date and becomes a pivot; the rows below take it in later.
 #[inline(always)]
-fn eliminate_one(front: &mut Front<'_>, k: usize, factors: &mut Factors) {
-    let Factors { pivots, rows, multipliers } = factors;
-    let row = &front.values[k * front.n..(k + 1) * front.n];
+fn eliminate_one(front: &mut Front<'_>, k: usize) {
+    let pivot = front.values[k * front.n + k];
     // A zero pivot in a zero column: the unknown is left at zero.
-    let inverse = if row[k] == 0.0 { 0.0 } else { 1.0 / row[k] };
-    for j in k + 1..front.n {
-        let l = row[j] * inverse;
-        if l != 0.0 {
-            rows.push(front.index[j]);
-            multipliers.push([l, 0.0]);
-        }
-    }
-    pivots.push(Pivot { first: front.index[k], second: None, inverse: [inverse, 0.0, 0.0], end: rows.len() });
-    front.progress.done.push(Done { row: k, two: false, inverse: [inverse, 0.0, 0.0] });
+    let inverse = if pivot == 0.0 { 0.0 } else { 1.0 / pivot };
+    front.progress.done.push(Pivot { row: k, two: false, inverse: [inverse, 0.0, 0.0] });
 }
 
 /// The same of rows k and k + 1.
 #[inline(always)]
-fn eliminate_two(front: &mut Front<'_>, k: usize, factors: &mut Factors) {
-    let Factors { pivots, rows, multipliers } = factors;
+fn eliminate_two(front: &mut Front<'_>, k: usize) {
     let n = front.n;
     let (first, second) = front.values[k * n..(k + 2) * n].split_at(n);
     let (a, b, d) = (first[k], first[k + 1], second[k + 1]);
     let determinant = a * d - b * b;
     let inverse = [d / determinant, -b / determinant, a / determinant];
-    for j in k + 2..n {
-        let (x, y) = (first[j], second[j]);
-        if x != 0.0 || y != 0.0 {
-            rows.push(front.index[j]);
-            multipliers.push([inverse[0] * x + inverse[1] * y, inverse[1] * x + inverse[2] * y]);
-        }
-    }
-    pivots.push(Pivot { first: front.index[k], second: Some(front.index[k + 1]), inverse, end: rows.len() });
-    front.progress.done.push(Done { row: k, two: true, inverse });
+    front.progress.done.push(Pivot { row: k, two: true, inverse });
 }
 
 #[cfg(test)]

@@ -28,8 +28,6 @@ pub struct Layout {
     /// Collocation points, s.
     pub times: Vec<f64>,
     pub variables: usize,
-    /// The time block of each variable, from 0.
-    pub stages: Vec<usize>,
     pub points: Vec<Point>,
     /// Linear equalities `Σ weight · x = 0`.
     pub linear: Vec<Combination>,
@@ -91,6 +89,8 @@ pub struct Collocation<'m> {
     /// First equality and first inequality of each point, and the numbers of both.
     row_starts: Vec<usize>,
     bound_starts: Vec<usize>,
+    /// The stage of each variable, equality and inequality: 0 for initial values, then the points.
+    stages: Vec<usize>,
     equality_stages: Vec<usize>,
     inequality_stages: Vec<usize>,
     residual_jacobian: Sparse,
@@ -249,19 +249,17 @@ impl<'m> Collocation<'m> {
             })
             .collect();
 
-        // A point's multipliers go with its own unknowns: excitations and reactions where it has them.
-        let stage_of = |combination: &Combination| combination.iter().map(|&(i, _)| layout.stages[i]).min();
-        let stage_of_point = |point: &Point| {
-            let own = if point.complete { EXCITATION + instant.muscle(0) } else { 0 };
-            let stage = if instant.model.muscles.is_empty() { None } else { stage_of(&point.map[own]) };
-            stage.or_else(|| stage_of(&point.map[0])).unwrap_or(0)
-        };
-        let point_stages: Vec<usize> = layout.points.iter().map(stage_of_point).collect();
-        let mut equality_stages: Vec<usize> = layout.linear.iter().map(|row| stage_of(row).unwrap_or(0)).collect();
-        for (point, stage) in layout.points.iter().zip(&point_stages) {
-            equality_stages.extend(std::iter::repeat_n(*stage, point.rows.len()));
+        // Each variable belongs to the first point that has it, where the equations say what it is.
+        let mut stages = vec![0; n];
+        for (k, point) in layout.points.iter().enumerate().rev() {
+            point.map.iter().flatten().for_each(|&(i, _)| stages[i] = 1 + k);
         }
-        let inequality_stages = bounds.iter().map(|bound| point_stages[bound.point]).collect();
+        let first = |row: &Combination| row.iter().map(|&(i, _)| stages[i]).min().unwrap_or(0);
+        let mut equality_stages: Vec<usize> = layout.linear.iter().map(first).collect();
+        for (k, point) in layout.points.iter().enumerate() {
+            equality_stages.extend(std::iter::repeat_n(1 + k, point.rows.len()));
+        }
+        let inequality_stages = bounds.iter().map(|bound| 1 + bound.point).collect();
 
         let mut units = vec![1.0; n];
         let weight = instant.model.weight();
@@ -276,6 +274,7 @@ impl<'m> Collocation<'m> {
             bounds,
             row_starts,
             bound_starts,
+            stages,
             equality_stages,
             inequality_stages,
             residual_jacobian,
@@ -336,7 +335,7 @@ impl Problem for Collocation<'_> {
     }
 
     fn stages(&self) -> &[usize] {
-        &self.layout.stages
+        &self.stages
     }
 
     fn constraint_stages(&self) -> [&[usize]; 2] {

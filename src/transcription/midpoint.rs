@@ -135,13 +135,9 @@ impl Discretisation for Midpoint {
     fn layout(&self, instant: &Instant<'_>) -> Layout {
         let rows: Vec<usize> = (0..instant.equations()).collect();
         let point = |&t: &f64| Point { map: self.local_at(instant, t), rows: rows.clone(), complete: true };
-        // φ is a stage of its own; what follows the last full block belongs to its stage.
-        let last = self.points.len() - 1;
-        let stage = |i: usize| i.checked_sub(self.initial_values()).map_or(0, |i| 1 + (i / self.block()).min(last));
         Layout {
             times: self.points.clone(),
             variables: self.variables(),
-            stages: (0..self.variables()).map(stage).collect(),
             points: self.points.iter().map(point).collect(),
             linear: self.initial_rows(),
         }

@@ -220,18 +220,7 @@ impl Discretisation for Radau {
         } else {
             Vec::new()
         };
-        let states = self.index(1, Group::Coordinate, 0);
-        let block = self.index(2, Group::Coordinate, 0) - states;
-        // A point's equations tie its states to those of the points before. With the states one stage later than the other
-        // unknowns of their point, two stages meet in the states only, and not in equations as well.
-        let last = self.points.len() - 2;
-        let stage = |i: usize| match i.checked_sub(states) {
-            None => 0,
-            Some(i) if i % block < states => (i / block + 1).min(last),
-            Some(i) => i / block,
-        };
-        let stages = (0..self.variables()).map(stage).collect();
-        Layout { times: self.points.clone(), variables: self.variables(), stages, points, linear }
+        Layout { times: self.points.clone(), variables: self.variables(), points, linear }
     }
 
     fn local_at(&self, instant: &Instant<'_>, t: f64) -> Vec<Combination> {
