@@ -242,7 +242,7 @@ impl StagedLdl {
             }
             for &(i, j, slot) in &pattern.entries {
                 let (row, column) = (place[i], place[j]);
-                if row == usize::MAX && row == column {
+                if row == usize::MAX && i == j {
                     factors.alone.push((pattern.own[i], 1.0 / values[slot]));
                 } else if row != usize::MAX && column != usize::MAX {
                     front[row * n + column] += values[slot];
@@ -775,6 +775,16 @@ mod tests {
             }
         }
         (Sparse::from_triplets(5 * stages, 5 * stages, &triplets), stage)
+    }
+
+    #[test]
+    fn unknowns_that_only_zeros_couple_are_solved_for_on_their_own() {
+        let matrix = Sparse::from_triplets(3, 3, &[(0, 0, 2.0), (0, 1, 0.0), (1, 1, -4.0), (2, 2, 1.0)]);
+        let mut ldl = StagedLdl::new(&matrix, &[0, 0, 1]);
+        assert_eq!(ldl.factorise(&matrix.values), Some(Inertia { positive: 2, negative: 1 }));
+        let mut x = [1.0, 1.0, 1.0];
+        ldl.solve(&mut x);
+        assert_eq!(x, [0.5, -0.25, 1.0]);
     }
 
     #[test]
