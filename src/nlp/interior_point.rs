@@ -12,7 +12,11 @@
 //! Q need not be positive definite, only where the equalities vanish and S/N weighs the rest: the inertia tells, and δ
 //! grows until it is. Degenerate active sets, on which guessing cycles, do it no harm.
 //!
-//! Source: S. Mehrotra, *SIAM J. Optim.* 2, 1992.
+//! The first step only finds a start: taken in full, all slacks and all multipliers are then raised by what the lowest lacks, so that
+//! the residuals of the equalities are gone and no product s ν stands out. Afterwards each factorisation serves the predictor, the corrector
+//! and, while they make the step longer, a few more that bring the products s ν nearer to each other.
+//!
+//! Sources: S. Mehrotra, *SIAM J. Optim.* 2, 1992; J. Gondzio, *Comput. Optim. Appl.* 6, 1996.
 
 use super::active_set::{NoStep, Step, raise};
 use super::iterate::Iterate;
@@ -22,10 +26,22 @@ use crate::numerics::sparse::Sparse;
 const ITERATIONS: usize = 40;
 /// Fraction of the way to the boundary.
 const TO_BOUNDARY: f64 = 0.995;
-const TOLERANCE: f64 = 1e-9;
+/// Of a sub-problem that is a model of the Lagrangian to second order, and of one that is not.
+pub const FINE: f64 = 1e-9;
+pub const COARSE: f64 = 1e-6;
+/// Gondzio's corrections: how many, by how much they aim further, what they must gain, the step long enough without them and the
+/// range of s ν, in its aim, that they leave alone.
+const CORRECTIONS: usize = 3;
+const FURTHER: (f64, f64) = (1.08, 0.08);
+const GAIN: f64 = 0.01;
+const LONG: f64 = 0.95;
+const NEAR: (f64, f64) = (0.1, 10.0);
+/// The start: least slack, and multiplier in the gradient's size; how far the lowest comes above zero.
 const LEAST_SLACK: f64 = 1e-2;
+const RAISE: f64 = 1.1;
 
-/// Solves the sub-problem at `here`; `damping` is raised as far as the inertia asks for, up to `most`, and left there.
+/// Solves the sub-problem at `here` to a relative `tolerance`; `damping` is raised as far as the inertia asks for, up to `most`, and left
+/// there.
 pub fn solve(
     kkt: &mut Kkt,
     here: &Iterate,
@@ -33,6 +49,7 @@ pub fn solve(
     metric: &Sparse,
     damping: &mut f64,
     most: f64,
+    tolerance: f64,
 ) -> Result<Step, NoStep> {
     let (n, me, mi) = (here.x.len(), here.equalities.len(), here.inequalities.len());
     let largest = |values: &[f64]| values.iter().fold(0.0f64, |a, v| a.max(v.abs()));
@@ -41,7 +58,8 @@ pub fn solve(
     let mut lambda = here.equality_multipliers.clone();
     let mut s: Vec<f64> = here.inequalities.iter().map(|b| b.max(LEAST_SLACK)).collect();
     let mut nu: Vec<f64> = here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect();
-    let (mut right, mut solution) = (vec![0.0; kkt.order()], vec![0.0; kkt.order()]);
+    let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
+    let mut has_begun = false;
     let mut weights = vec![0.0; mi];
     for factorisations in 0..ITERATIONS {
         // Residuals of the optimality conditions.
@@ -55,10 +73,10 @@ pub fn solve(
         let mut slack: Vec<f64> = here.inequalities.iter().zip(&s).map(|(b, s)| b - s).collect();
         here.inequality_jacobian.add_product(1.0, &d, &mut slack);
         let mu = s.iter().zip(&nu).map(|(s, nu)| s * nu).sum::<f64>() / mi.max(1) as f64;
-        let done = largest(&dual) <= TOLERANCE * scale
-            && largest(&primal) <= TOLERANCE
-            && largest(&slack) <= TOLERANCE
-            && mu <= TOLERANCE * scale * 1e-2;
+        let done = largest(&dual) <= tolerance * scale
+            && largest(&primal) <= tolerance
+            && largest(&slack) <= tolerance
+            && mu <= tolerance * scale * 1e-2;
         if done {
             return Ok(Step {
                 active: s.iter().zip(&nu).map(|(s, nu)| s * scale < *nu).collect(),
@@ -90,21 +108,47 @@ pub fn solve(
             (0..n).for_each(|i| right[i] = -dual[i]);
             (0..me).for_each(|i| right[n + i] = -primal[i]);
             (0..mi).for_each(|i| right[n + me + i] = -slack[i] - r[i] / nu[i]);
-            kkt.solve(&right, solution);
+            kkt.solve_roughly(&right, solution);
             let dnu: Vec<f64> = (0..mi).map(|i| -solution[n + me + i]).collect();
             let ds: Vec<f64> = (0..mi).map(|i| -(r[i] + s[i] * dnu[i]) / nu[i]).collect();
             (ds, dnu)
         };
         let plain: Vec<f64> = s.iter().zip(&nu).map(|(s, nu)| s * nu).collect();
         let (ds, dnu) = step(&plain, &mut solution, kkt);
+        if !std::mem::replace(&mut has_begun, true) {
+            d.iter_mut().zip(&solution[..n]).for_each(|(x, dx)| *x += dx);
+            lambda.iter_mut().zip(&solution[n..n + me]).for_each(|(x, dx)| *x += dx);
+            begin(&mut s, &ds, LEAST_SLACK);
+            begin(&mut nu, &dnu, LEAST_SLACK * scale);
+            continue;
+        }
         let (reach_s, reach_nu) = (reach(&s, &ds), reach(&nu, &dnu));
         let affine: f64 =
             (0..mi).map(|i| (s[i] + reach_s * ds[i]) * (nu[i] + reach_nu * dnu[i])).sum::<f64>() / mi.max(1) as f64;
         let sigma = if mu > 0.0 { (affine / mu).powi(3).min(1.0) } else { 0.0 };
-        let corrected: Vec<f64> = (0..mi).map(|i| plain[i] + ds[i] * dnu[i] - sigma * mu).collect();
-        let (ds, dnu) = step(&corrected, &mut solution, kkt);
+        let aim = sigma * mu;
+        let mut r: Vec<f64> = (0..mi).map(|i| plain[i] + ds[i] * dnu[i] - aim).collect();
+        let (mut ds, mut dnu) = step(&r, &mut solution, kkt);
         // One length for all: with an indefinite Q, primal and dual steps do not part.
-        let alpha = (TO_BOUNDARY * reach(&s, &ds).min(reach(&nu, &dnu))).min(1.0);
+        let length = |ds: &[f64], dnu: &[f64]| (TO_BOUNDARY * reach(&s, ds).min(reach(&nu, dnu))).min(1.0);
+        let mut alpha = length(&ds, &dnu);
+        for _ in 0..CORRECTIONS {
+            if alpha >= LONG {
+                break;
+            }
+            let far = (FURTHER.0 * alpha + FURTHER.1).min(1.0);
+            for i in 0..mi {
+                let product = (s[i] + far * ds[i]) * (nu[i] + far * dnu[i]);
+                r[i] -= (product.clamp(NEAR.0 * aim, NEAR.1 * aim) - product).max(-NEAR.1 * aim);
+            }
+            let (ds_further, dnu_further) = step(&r, &mut corrected, kkt);
+            let further = length(&ds_further, &dnu_further);
+            if further < alpha + GAIN {
+                break;
+            }
+            (ds, dnu, alpha) = (ds_further, dnu_further, further);
+            solution.copy_from_slice(&corrected);
+        }
         if alpha.is_nan() || alpha < 1e-8 || !solution.iter().all(|v| v.is_finite()) {
             return Err(NoStep::Singular);
         }
@@ -114,6 +158,13 @@ pub fn solve(
         nu.iter_mut().zip(&dnu).for_each(|(x, dx)| *x += alpha * dx);
     }
     Err(NoStep::Unsettled)
+}
+
+/// Takes the whole step, then raises all by what the lowest lacks.
+fn begin(values: &mut [f64], steps: &[f64], least: f64) {
+    values.iter_mut().zip(steps).for_each(|(x, dx)| *x += dx);
+    let lowest = values.iter().fold(0.0f64, |a, &v| a.min(v));
+    values.iter_mut().for_each(|x| *x = (*x - RAISE * lowest).max(least));
 }
 
 /// Largest step that keeps all entries at or above zero, not bounded by 1 but by 1/0.995.

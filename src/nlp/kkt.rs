@@ -26,6 +26,9 @@ const PRIMAL_RANGE: (f64, f64) = (1e-18, 1e-14);
 /// ε of the constraints, against entries of order one.
 const DUAL: f64 = 1e-11;
 const REFINEMENTS: usize = 10;
+/// Relative residuals that need no more of them.
+const EXACT: f64 = 1e-15;
+const ROUGH: f64 = 1e-10;
 
 /// The matrix, its symbolic factorisation and its work space.
 pub struct Kkt {
@@ -155,16 +158,21 @@ impl Kkt {
     /// ignored. Returns the residual's largest entry relative to that of the right-hand side: large where the active
     /// constraints contradict each other.
     pub fn solve(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
-        self.refine(right_hand_side, solution, false)
+        self.refine(right_hand_side, solution, false, EXACT)
+    }
+
+    /// [`Kkt::solve`] to a residual small enough for a step that is corrected by the next one.
+    pub fn solve_roughly(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        self.refine(right_hand_side, solution, false, ROUGH)
     }
 
     /// [`Kkt::solve`] with ε left in. Where active constraints contradict each other this has a solution, with large
     /// multipliers whose signs tell which of them to let go.
     pub fn solve_regularised(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
-        self.refine(right_hand_side, solution, true)
+        self.refine(right_hand_side, solution, true, EXACT)
     }
 
-    fn refine(&mut self, right_hand_side: &[f64], solution: &mut [f64], regularised: bool) -> f64 {
+    fn refine(&mut self, right_hand_side: &[f64], solution: &mut [f64], regularised: bool, enough: f64) -> f64 {
         let n = self.variables + self.equalities;
         let right = |i: usize, active: &[bool]| if i < n || active[i - n] { right_hand_side[i] } else { 0.0 };
         let scale = (0..self.order()).map(|i| right(i, &self.active).abs()).fold(0.0, f64::max).max(1e-300);
@@ -188,7 +196,7 @@ impl Kkt {
                 return best;
             }
             best = size;
-            if size < 1e-15 {
+            if size < enough {
                 return size;
             }
             self.correction.copy_from_slice(&self.residual);

@@ -6,7 +6,7 @@
 //!                   1. H = ∇²L, by its active set, from the last one (active_set)
 //!                   2. where that does not settle: H = ∇²L, by an interior point (interior_point)
 //!                   3. where that needs a large δ: H = ∇²L without its negative curvature, likewise
-//!                   4. at first and where all else fails: H = JᵀJ, by Clarabel (qp)
+//!                   4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (qp)
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
 //!     extend        a step that δ has kept short, for as long as the objective falls
@@ -353,8 +353,11 @@ impl Sqp<'_> {
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one.
-            let ways = [(Curvature::Exact, self.most), (Curvature::Convex, f64::INFINITY)];
-            for (curvature, most) in ways.into_iter().skip(usize::from(hopeless)) {
+            let ways = [
+                (Curvature::Exact, self.most, interior_point::FINE),
+                (Curvature::Convex, f64::INFINITY, interior_point::COARSE),
+            ];
+            for (curvature, most, tolerance) in ways.into_iter().skip(usize::from(hopeless)) {
                 let hessian = match curvature {
                     Curvature::Exact => &self.hessian,
                     Curvature::Convex => {
@@ -364,7 +367,8 @@ impl Sqp<'_> {
                     }
                 };
                 let mut delta = *damping;
-                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, most);
+                let found =
+                    interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, most, tolerance);
                 let Ok(mut step) = found else { continue };
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = *damping;
@@ -384,8 +388,16 @@ impl Sqp<'_> {
                 return Ok(step);
             }
         }
-        let mut hessian = self.gauss_newton.clone();
+        // At first, and where all else fails. Clarabel scales and pivots differently: what the own interior point cannot solve it may.
         let delta = damping.clamp(CONVEX_DAMPING.0, CONVEX_DAMPING.1);
+        let (here, metric, tolerance) = (&self.here, &self.metric, interior_point::COARSE);
+        let mut same = delta;
+        if let Ok(step) = interior_point::solve(self.kkt, here, &self.gauss_newton, metric, &mut same, delta, tolerance)
+        {
+            self.factorisations += step.factorisations;
+            return Ok(step);
+        }
+        let mut hessian = self.gauss_newton.clone();
         hessian.values.iter_mut().zip(&self.metric.values).for_each(|(h, d)| *h += delta * d);
         let solution = QuadraticProgramme {
             hessian: &hessian,
@@ -396,20 +408,7 @@ impl Sqp<'_> {
             inequality_values: &self.here.inequalities,
             deadline: self.settings.deadline,
         }
-        .solve();
-        let solution = match solution {
-            Err(QpFailure::Numerical) => {
-                // Clarabel scales and pivots differently: what it cannot solve the own interior point may.
-                let mut delta = delta;
-                let (here, metric) = (&self.here, &self.metric);
-                let step = interior_point::solve(self.kkt, here, &self.gauss_newton, metric, &mut delta, f64::INFINITY);
-                let step = step.map_err(|_| QpFailure::Numerical)?;
-                self.factorisations += step.factorisations;
-                *damping = delta;
-                return Ok(step);
-            }
-            other => other?,
-        };
+        .solve()?;
         let mut slack = self.here.inequalities.clone();
         self.here.inequality_jacobian.add_product(1.0, &solution.step, &mut slack);
         Ok(Step {
