@@ -105,7 +105,7 @@ impl Kkt {
             diagonal_slots: (0..order).map(|i| pattern.slot(i, i)).collect(),
             active: vec![false; mi],
             regularised: matrix.clone(),
-            factors: StagedLdl::new(&matrix, &stage),
+            factors: StagedLdl::new(&matrix, &stage, n..n + me),
             matrix,
             deadline: Deadline::default(),
             residual: vec![0.0; order],

@@ -43,7 +43,7 @@ impl StagedSpectrum {
             columns,
             slots: m.entries().map(|(i, j, _)| pattern.slot(j, columns + i)).collect(),
             diagonal: (0..order).map(|i| pattern.slot(i, i)).collect(),
-            factors: StagedLdl::new(&matrix, &stages),
+            factors: StagedLdl::new(&matrix, &stages, 0..0),
             matrix,
             sigma_max: 0.0,
         }

@@ -1,0 +1,171 @@
+//! The fronts of a pattern, in the order in which they are eliminated.
+
+use std::ops::Range;
+
+use crate::numerics::sparse::Sparse;
+
+/// Work of a front beside that of its pivots, in multiplications.
+const FRONT: usize = 2000;
+
+/// The pattern of a dense front.
+#[derive(Clone, Debug, Default)]
+pub struct Pattern {
+    pub own: Vec<usize>,
+    /// Later unknowns met so far, those first that are eliminated first.
+    pub border: Vec<usize>,
+    /// Of each front that this one takes in, the places of its border unknowns among `own` then `border`: ascending.
+    pub children: Vec<Vec<usize>>,
+    /// (row, column among `own` then `border`, slot in the matrix' values), row ≤ column
+    pub entries: Vec<(usize, usize, usize)>,
+}
+
+/// The fronts of `matrix` (upper triangle), each after those that it takes in; `stage[i]` is the stage of unknown i, counted from 0.
+/// `equations` are unknowns with nothing on the diagonal, which are no pivots by themselves.
+pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>) -> Vec<Pattern> {
+    let order = matrix.columns;
+    let count = stage.iter().max().map_or(0, |last| last + 1);
+    // From the last back: what a state follows from comes with it, so that it need not be delayed.
+    let stage: Vec<usize> = stage.iter().map(|s| count - 1 - s).collect();
+    // The first stage that meets each unknown is that of its earliest neighbour. Unknowns with few neighbours come first: they fill
+    // in least.
+    let mut met = stage.clone();
+    let mut degree = vec![0; order];
+    let mut by_stage = vec![Vec::new(); count];
+    for (row, column, slot) in matrix.entries() {
+        let earliest = stage[row].min(stage[column]);
+        by_stage[earliest].push((row, column, slot));
+        for i in [row, column] {
+            met[i] = met[i].min(earliest);
+            degree[i] += 1;
+        }
+    }
+    let mut stages = vec![Pattern::default(); count];
+    for i in 0..order {
+        stages[stage[i]].own.push(i);
+        stages[met[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
+    }
+    let mut analysis = Analysis { degree, met, equations, group: vec![None; order] };
+    let parted: Vec<Vec<Pattern>> = stages
+        .into_iter()
+        .zip(by_stage)
+        .enumerate()
+        .map(|(s, (mut stage, entries))| {
+            stage.own.sort_by_key(|&i| analysis.degree[i]);
+            analysis.part(s, &Pattern { entries, ..stage })
+        })
+        .collect();
+    numbered(parted, order)
+}
+
+/// From unknowns to places in the fronts, now that the order of elimination is known.
+fn numbered(stages: Vec<Vec<Pattern>>, order: usize) -> Vec<Pattern> {
+    let (mut rank, mut place) = (vec![0; order], vec![0; order]);
+    let own = stages.iter().flatten().flat_map(|front| &front.own);
+    own.enumerate().for_each(|(when, &i)| rank[i] = when);
+    let mut fronts: Vec<Pattern> = Vec::new();
+    let mut before: Option<Vec<usize>> = None;
+    for mut stage in stages {
+        for front in &mut stage {
+            front.border.sort_unstable_by_key(|&i| rank[i]);
+            front.own.iter().chain(&front.border).enumerate().for_each(|(at, &i)| place[i] = at);
+            for (row, column, _) in &mut front.entries {
+                let places = (place[*row], place[*column]);
+                (*row, *column) = (places.0.min(places.1), places.0.max(places.1));
+            }
+        }
+        // The last one takes in the others; its places are those left in `place`.
+        let Some((root, leaves)) = stage.split_last_mut() else { continue };
+        let taken = before.iter().chain(leaves.iter().map(|leaf| &leaf.border));
+        root.children = taken.map(|border| border.iter().map(|&i| place[i]).collect()).collect();
+        before = Some(root.border.clone());
+        fronts.extend(stage);
+    }
+    fronts
+}
+
+/// What is known of each unknown.
+struct Analysis {
+    degree: Vec<usize>,
+    /// The first stage that meets it.
+    met: Vec<usize>,
+    equations: Range<usize>,
+    /// Its group, if it belongs to one, while its stage is looked at.
+    group: Vec<Option<usize>>,
+}
+
+impl Analysis {
+    /// Parts a stage into fronts of groups and, last, that of the rest: unknowns that no earlier stage has met and that have few
+    /// neighbours, in groups that nothing couples to one another. How few is chosen by the work that is left.
+    fn part(&mut self, s: usize, stage: &Pattern) -> Vec<Pattern> {
+        let mut limits: Vec<usize> = stage.own.iter().filter(|&&i| self.met[i] == s).map(|&i| self.degree[i]).collect();
+        limits.dedup();
+        let mut best = vec![stage.clone()];
+        for limit in limits {
+            let parts = self.parted(s, stage, limit);
+            if work(&parts) < work(&best) {
+                best = parts;
+            }
+        }
+        best
+    }
+
+    /// The fronts of a stage: the connected groups of the unknowns with few neighbours, and the rest.
+    fn parted(&mut self, s: usize, stage: &Pattern, few: usize) -> Vec<Pattern> {
+        for (count, &i) in stage.own.iter().enumerate() {
+            self.group[i] = (self.met[i] == s && self.degree[i] <= few).then_some(count);
+        }
+        // The smallest number spreads over each connected group.
+        loop {
+            let mut changed = false;
+            for &(i, j, _) in &stage.entries {
+                if let (Some(a), Some(b)) = (self.group[i], self.group[j])
+                    && a != b
+                {
+                    (self.group[i], self.group[j]) = (Some(a.min(b)), Some(a.min(b)));
+                    changed = true;
+                }
+            }
+            if !changed {
+                break;
+            }
+        }
+        let count = stage.own.len();
+        let mut has_pivot = vec![false; count];
+        for &i in &stage.own {
+            if let Some(group) = self.group[i] {
+                has_pivot[group] |= !self.equations.contains(&i);
+            }
+        }
+        let mut fronts = vec![Pattern::default(); count + 1];
+        for &i in &stage.own {
+            self.group[i] = self.group[i].filter(|&group| has_pivot[group]);
+            fronts[self.group[i].unwrap_or(count)].own.push(i);
+        }
+        fronts[count].border.clone_from(&stage.border);
+        for &(i, j, slot) in &stage.entries {
+            let front = self.group[i].or(self.group[j]).unwrap_or(count);
+            fronts[front].entries.push((i, j, slot));
+            if front < count {
+                fronts[front].border.extend([i, j].into_iter().filter(|&i| self.group[i].is_none()));
+            }
+        }
+        for front in &mut fronts {
+            front.border.sort_unstable();
+            front.border.dedup();
+        }
+        stage.own.iter().for_each(|&i| self.group[i] = None);
+        let last = fronts.pop();
+        fronts.retain(|front| !front.own.is_empty());
+        fronts.extend(last);
+        fronts
+    }
+}
+
+/// Multiplications of the elimination of these fronts.
+fn work(fronts: &[Pattern]) -> usize {
+    let front = |f: &Pattern| {
+        let (n, rest) = (f.own.len() + f.border.len(), f.border.len());
+        FRONT + (n * n * n - rest * rest * rest) / 3
+    };
+    fronts.iter().map(front).sum()
+}

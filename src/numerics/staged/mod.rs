@@ -1,0 +1,439 @@
+//! L D Lᵀ of a sparse symmetric indefinite matrix whose unknowns come in stages (time), each coupled only to
+//! near stages. Work and memory are linear in the number of stages.
+//!
+//! Dense fronts in a tree: a chain along the stages, and in each stage small ones for the groups of unknowns (a muscle's)
+//! that meet only through the others of their stage:
+//!
+//! ```text
+//!            delayed    own     border: later unknowns met so far
+//!          ⎡    ·         ·         ·   ⎤
+//!   F  =   ⎢    ·         ·         ·   ⎥   pivots only from the first two groups
+//!          ⎣    ·         ·         ·   ⎦
+//! ```
+//!
+//! Pivots of order 1 and 2 must pass a threshold test against their whole columns; those that do not are
+//! delayed to the next front. That keeps the factors bounded without regularisation (Duff and Reid, *The
+//! multifrontal solution of indefinite sparse symmetric linear equations*, ACM TOMS 9, 1983). By Sylvester's law
+//! the signs of the pivots are the signs of the eigenvalues.
+
+mod analysis;
+mod front;
+
+use std::ops::Range;
+
+use self::analysis::{Pattern, fronts};
+use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
+use super::sparse::Sparse;
+
+const EQUILIBRATIONS: usize = 3;
+const ZERO: Lane = Lane([0.0; LANE]);
+
+/// Number of positive and negative eigenvalues; what is missing to the order is zero to working precision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inertia {
+    pub positive: usize,
+    pub negative: usize,
+}
+
+/// What is left of a front for the one that takes it in: rows of unknowns that had no acceptable pivot, and its border.
+#[derive(Clone, Debug, Default)]
+struct Rest {
+    delayed: Vec<usize>,
+    /// Over the delayed ones, then the border, row by row.
+    rows: Vec<f64>,
+    /// The upper half, `lanes` of the border a row; empty if it is zero.
+    border: Vec<Lane>,
+}
+
+/// The pivots and what they stand for: of each front its unknowns in their last order, and D Lᵀ right of the pivots, row by row, in whole
+/// lanes from that of the pivot on; zero up to and in the pivot.
+#[derive(Clone, Debug, Default)]
+struct Factors {
+    /// Unknowns that nothing couples, and the inverses of their entries.
+    alone: Vec<(usize, f64)>,
+    pivots: Vec<Pivot>,
+    unknowns: Vec<usize>,
+    rows: Vec<Lane>,
+    fronts: Vec<FrontEnd>,
+}
+
+/// Where a front ends in the factors, and how many of its unknowns are its border.
+#[derive(Clone, Copy, Debug, Default)]
+struct FrontEnd {
+    pivots: usize,
+    unknowns: usize,
+    rows: usize,
+    border: usize,
+}
+
+/// The part of a front.
+struct FrontFactors<'f> {
+    pivots: &'f [Pivot],
+    /// Those that could be pivots, and the border.
+    unknowns: [&'f [usize]; 2],
+    rows: &'f [Lane],
+}
+
+impl Factors {
+    fn clear(&mut self) {
+        self.alone.clear();
+        self.pivots.clear();
+        self.unknowns.clear();
+        self.rows.clear();
+        self.fronts.clear();
+    }
+
+    fn front(&self, f: usize) -> FrontFactors<'_> {
+        let start = if f == 0 { FrontEnd::default() } else { self.fronts[f - 1] };
+        let end = self.fronts[f];
+        let (summed, border) =
+            self.unknowns[start.unknowns..end.unknowns].split_at(end.unknowns - end.border - start.unknowns);
+        FrontFactors {
+            pivots: &self.pivots[start.pivots..end.pivots],
+            unknowns: [summed, border],
+            rows: &self.rows[start.rows..end.rows],
+        }
+    }
+
+    /// Keeps the rows of the first `pivots` of a panel.
+    fn keep(&mut self, panel: &Panel<'_>, pivots: &[Pivot]) {
+        for pivot in pivots {
+            for row in pivot.row..pivot.end() {
+                let start = self.rows.len();
+                self.rows.extend_from_slice(&panel.values[row * panel.width..][pivot.row / LANE..panel.width]);
+                let kept = flat_mut(&mut self.rows[start..]);
+                kept[..pivot.end() - pivot.row / LANE * LANE].fill(0.0);
+            }
+        }
+        self.pivots.extend_from_slice(pivots);
+    }
+}
+
+impl FrontFactors<'_> {
+    /// Its part of x, in lanes.
+    fn gather(&self, x: &[f64], local: &mut Vec<Lane>) {
+        let [summed, border] = self.unknowns;
+        local.clear();
+        local.resize(lanes(summed.len()) + lanes(border.len()), ZERO);
+        let (head, tail) = local.split_at_mut(lanes(summed.len()));
+        summed.iter().zip(flat_mut(head)).for_each(|(&i, to)| *to = x[i]);
+        border.iter().zip(flat_mut(tail)).for_each(|(&i, to)| *to = x[i]);
+    }
+
+    fn scatter(&self, local: &[Lane], x: &mut [f64]) {
+        let [summed, border] = self.unknowns;
+        let (head, tail) = local.split_at(lanes(summed.len()));
+        summed.iter().zip(flat(head)).for_each(|(&i, from)| x[i] = *from);
+        border.iter().zip(flat(tail)).for_each(|(&i, from)| x[i] = *from);
+    }
+}
+
+/// The factorisation; symbolic once, numeric as often as values change.
+#[derive(Clone, Debug)]
+pub struct StagedLdl {
+    order: usize,
+    /// (row, column) of each value.
+    positions: Vec<(u32, u32)>,
+    /// S, and S K S as factorised.
+    scale: Vec<f64>,
+    scaled: Vec<f64>,
+    /// Each after those that it takes in.
+    fronts: Vec<Pattern>,
+    factors: Factors,
+    work: Work,
+}
+
+/// Work space of the numeric factorisation.
+#[derive(Clone, Debug, Default)]
+struct Work {
+    /// The first `waiting` are of fronts that are not taken in yet.
+    rests: Vec<Rest>,
+    waiting: usize,
+    panel: Vec<Lane>,
+    border: Vec<Lane>,
+    scaled: Vec<Lane>,
+    pivots: Vec<Pivot>,
+    unknowns: Vec<usize>,
+    /// The column in the front of each of `own` then `border`, and of each unknown of a front that is taken in.
+    column: Vec<usize>,
+    target: Vec<usize>,
+}
+
+const ABSENT: usize = usize::MAX;
+
+impl StagedLdl {
+    /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0. `equations` are unknowns
+    /// with nothing on the diagonal.
+    pub fn new(matrix: &Sparse, stage: &[usize], equations: Range<usize>) -> Self {
+        Self {
+            order: matrix.columns,
+            positions: matrix.entries().map(|(i, j, _)| (i as u32, j as u32)).collect(),
+            scale: vec![1.0; matrix.columns],
+            scaled: vec![0.0; matrix.values.len()],
+            fronts: fronts(matrix, stage, equations),
+            factors: Factors::default(),
+            work: Work::default(),
+        }
+    }
+
+    /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
+    pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
+        self.equilibrate(values);
+        self.factors.clear();
+        self.work.waiting = 0;
+        for (f, pattern) in self.fronts.iter().enumerate() {
+            let is_last = f + 1 == self.fronts.len();
+            self.work.factorise(pattern, &self.scaled, is_last, &mut self.factors);
+        }
+        self.inertia()
+    }
+
+    /// S so that the largest entry of each row of S K S is near 1 (D. Ruiz, RAL-TR-2001-034): pivots are then judged against
+    /// entries of like size. The signs of the eigenvalues stay.
+    fn equilibrate(&mut self, values: &[f64]) {
+        self.scale.fill(1.0);
+        let mut largest = vec![0.0f64; self.order];
+        for _ in 0..EQUILIBRATIONS {
+            largest.fill(0.0);
+            for (&(i, j), value) in self.positions.iter().zip(values) {
+                let (i, j) = (i as usize, j as usize);
+                let size = (value * self.scale[i] * self.scale[j]).abs();
+                largest[i] = if size > largest[i] { size } else { largest[i] };
+                largest[j] = if size > largest[j] { size } else { largest[j] };
+            }
+            for (scale, largest) in self.scale.iter_mut().zip(&largest) {
+                if *largest > 0.0 {
+                    *scale /= largest.sqrt();
+                }
+            }
+        }
+        for ((scaled, value), &(i, j)) in self.scaled.iter_mut().zip(values).zip(&self.positions) {
+            *scaled = value * self.scale[i as usize] * self.scale[j as usize];
+        }
+    }
+
+    /// Signs of the eigenvalues, from those of the pivots.
+    fn inertia(&self) -> Option<Inertia> {
+        let mut inertia = Inertia { positive: 0, negative: 0 };
+        let Factors { alone, pivots, .. } = &self.factors;
+        let alone = alone.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
+        for pivot in alone.chain(pivots.iter().copied()) {
+            let [p, q, r] = pivot.inverse;
+            let determinant = p * r - q * q;
+            match pivot.two {
+                _ if !p.is_finite() || !determinant.is_finite() => return None,
+                false if p > 0.0 => inertia.positive += 1,
+                false if p < 0.0 => inertia.negative += 1,
+                false => {}
+                true if determinant < 0.0 => {
+                    inertia.positive += 1;
+                    inertia.negative += 1;
+                }
+                true if p > 0.0 => inertia.positive += 2,
+                true => inertia.negative += 2,
+            }
+        }
+        Some(inertia)
+    }
+
+    /// Solves in place with the last factorisation.
+    pub fn solve(&self, x: &mut [f64]) {
+        debug_assert_eq!(x.len(), self.order);
+        x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
+        let mut local = Vec::new();
+        for f in 0..self.fronts.len() {
+            let front = self.factors.front(f);
+            front.gather(x, &mut local);
+            front::forward(front.pivots, front.rows, &mut local);
+            front.scatter(&local, x);
+        }
+        for &(i, inverse) in &self.factors.alone {
+            x[i] *= inverse;
+        }
+        for f in (0..self.fronts.len()).rev() {
+            let front = self.factors.front(f);
+            front.gather(x, &mut local);
+            front::backward(front.pivots, front.rows, &mut local);
+            front.scatter(&local, x);
+        }
+        x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
+    }
+}
+
+impl Work {
+    /// Factorises a front: the rests of those that it takes in, and its own entries.
+    fn factorise(&mut self, pattern: &Pattern, values: &[f64], is_last: bool, factors: &mut Factors) {
+        let first = self.waiting - pattern.children.len();
+        self.arrange(pattern, values, first, factors);
+        let (summed, border) = (self.unknowns.len(), pattern.border.len());
+        let start = lanes(summed);
+        let width = start + lanes(border);
+        self.panel.clear();
+        self.panel.resize(summed * width, ZERO);
+        self.border.clear();
+        let meets = self.rests[first..self.waiting].iter().any(|rest| !rest.border.is_empty());
+        if meets {
+            self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
+        }
+        self.take_in(pattern, first, width, start * LANE);
+        let panel = flat_mut(&mut self.panel);
+        for &(i, j, slot) in &pattern.entries {
+            let (row, column) = (self.column[i], self.column[j]);
+            if row != ABSENT && column != ABSENT {
+                panel[row * width * LANE + column] += values[slot];
+            }
+        }
+        for i in 0..summed {
+            for j in i + 1..summed {
+                panel[j * width * LANE + i] = panel[i * width * LANE + j];
+            }
+        }
+        self.pivots.clear();
+        let mut panel = Panel { values: &mut self.panel, width, unknowns: &mut self.unknowns };
+        let done = front::eliminate(&mut panel, is_last, &mut self.pivots);
+        if done > 0 && border > 0 {
+            self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
+            front::complete(&mut self.border, &panel, start, &self.pivots, &mut self.scaled);
+        }
+        factors.keep(&panel, &self.pivots);
+        factors.unknowns.extend_from_slice(&self.unknowns);
+        factors.unknowns.extend_from_slice(&pattern.border);
+        factors.fronts.push(FrontEnd {
+            pivots: factors.pivots.len(),
+            unknowns: factors.unknowns.len(),
+            rows: factors.rows.len(),
+            border,
+        });
+        self.waiting = first + 1;
+        self.rests.resize_with(self.rests.len().max(self.waiting), Rest::default);
+        let rest = &mut self.rests[first];
+        rest.delayed.clear();
+        rest.delayed.extend_from_slice(&self.unknowns[done..]);
+        rest.rows.clear();
+        for row in self.panel.chunks_exact(width.max(1)).skip(done) {
+            let (own, border_row) = row.split_at(start);
+            rest.rows.extend_from_slice(&flat(own)[done..summed]);
+            rest.rows.extend_from_slice(&flat(border_row)[..border]);
+        }
+        std::mem::swap(&mut rest.border, &mut self.border);
+    }
+
+    /// Settles which unknowns the front holds, and the column of each: what was delayed comes first. Own unknowns that nothing couples now
+    /// (inequalities that are not active) stay out of it.
+    fn arrange(&mut self, pattern: &Pattern, values: &[f64], first: usize, factors: &mut Factors) {
+        let own = pattern.own.len();
+        let Self { rests, unknowns, column, .. } = self;
+        column.clear();
+        column.resize(own + pattern.border.len(), ABSENT);
+        // Coupled: for now just not absent.
+        pattern.children.iter().flatten().for_each(|&i| column[i] = 0);
+        for &(i, j, slot) in &pattern.entries {
+            if i != j && values[slot] != 0.0 {
+                (column[i], column[j]) = (0, 0);
+            }
+        }
+        for &(i, j, slot) in &pattern.entries {
+            if i == j && column[i] == ABSENT {
+                factors.alone.push((pattern.own[i], 1.0 / values[slot]));
+            }
+        }
+        unknowns.clear();
+        rests[first..self.waiting].iter().for_each(|rest| unknowns.extend_from_slice(&rest.delayed));
+        for (&i, column) in pattern.own.iter().zip(&mut column[..own]) {
+            if *column != ABSENT {
+                *column = unknowns.len();
+                unknowns.push(i);
+            }
+        }
+        let start = lanes(unknowns.len()) * LANE;
+        column[own..].iter_mut().enumerate().for_each(|(j, column)| *column = start + j);
+    }
+
+    /// Adds the rests of the fronts from `first` on to this one, the border of which begins in column `start`.
+    fn take_in(&mut self, pattern: &Pattern, first: usize, width: usize, start: usize) {
+        let (panel, border) = (flat_mut(&mut self.panel), flat_mut(&mut self.border));
+        let (width, border_width) = (width * LANE, width * LANE - start);
+        let mut delayed = 0;
+        for (rest, places) in self.rests[first..self.waiting].iter().zip(&pattern.children) {
+            let target = &mut self.target;
+            target.clear();
+            target.extend(delayed..delayed + rest.delayed.len());
+            target.extend(places.iter().map(|&i| self.column[i]));
+            let own = rest.delayed.len();
+            for (i, row) in rest.rows.chunks_exact(target.len().max(1)).enumerate() {
+                let out = &mut panel[(delayed + i) * width..][..width];
+                target[i..].iter().zip(&row[i..]).for_each(|(&j, value)| out[j] += *value);
+            }
+            let rest_width = lanes(places.len()) * LANE;
+            for (i, row) in flat(&rest.border).chunks_exact(rest_width.max(1)).take(places.len()).enumerate() {
+                let (row, target) = (&row[i..], &target[own + i..]);
+                let to = target[0];
+                let out = if to < start {
+                    &mut panel[to * width..][..width]
+                } else {
+                    &mut border[(to - start) * border_width..][..border_width]
+                };
+                let shift = if to < start { 0 } else { start };
+                target.iter().zip(row).for_each(|(&j, value)| out[j - shift] += *value);
+            }
+            delayed += own;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// A random saddle-point matrix over `stages` stages of 5 unknowns, of which 2 have a zero diagonal block.
+    fn matrix(rng: &mut impl rand::Rng, stages: usize) -> (Sparse, Vec<usize>) {
+        let stage: Vec<usize> = (0..5 * stages).map(|i| i / 5).collect();
+        let mut triplets = Vec::new();
+        for i in 0..5 * stages {
+            for j in i..5 * stages {
+                let dual = |k: usize| k % 5 >= 3;
+                if stage[j] - stage[i] <= 2 && !(dual(i) && dual(j)) && rng.random_range(0.0..1.0) < 0.7 {
+                    triplets.push((i, j, rng.random_range(-1.0..1.0)));
+                }
+            }
+        }
+        (Sparse::from_triplets(5 * stages, 5 * stages, &triplets), stage)
+    }
+
+    #[test]
+    fn unknowns_that_only_zeros_couple_are_solved_for_on_their_own() {
+        let matrix = Sparse::from_triplets(3, 3, &[(0, 0, 2.0), (0, 1, 0.0), (1, 1, -4.0), (2, 2, 1.0)]);
+        let mut ldl = StagedLdl::new(&matrix, &[0, 0, 1], 0..0);
+        assert_eq!(ldl.factorise(&matrix.values), Some(Inertia { positive: 2, negative: 1 }));
+        let mut x = [1.0, 1.0, 1.0];
+        ldl.solve(&mut x);
+        assert_eq!(x, [0.5, -0.25, 1.0]);
+    }
+
+    #[test]
+    fn solutions_and_inertia_agree_with_the_dense_eigenvalues() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        for stages in [1, 2, 7, 20] {
+            let (matrix, stage) = matrix(&mut rng, stages);
+            let n = matrix.columns;
+            let mut ldl = StagedLdl::new(&matrix, &stage, 0..0);
+            let inertia = ldl.factorise(&matrix.values).unwrap();
+            let mut dense = faer::Mat::<f64>::zeros(n, n);
+            for (i, j, slot) in matrix.entries() {
+                dense[(i, j)] = matrix.values[slot];
+                dense[(j, i)] = matrix.values[slot];
+            }
+            let eigenvalues = dense.self_adjoint_eigenvalues(faer::Side::Lower).unwrap();
+            assert_eq!(inertia.positive, eigenvalues.iter().filter(|e| **e > 0.0).count());
+            assert_eq!(inertia.positive + inertia.negative, n);
+            let right: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let mut x = right.clone();
+            ldl.solve(&mut x);
+            let mut residual = right;
+            matrix.add_symmetric_product(-1.0, &x, &mut residual);
+            let size = x.iter().fold(1.0f64, |a, b| a.max(b.abs()));
+            assert!(residual.iter().all(|r| r.abs() < 1e-11 * size), "{stages}");
+        }
+    }
+}
