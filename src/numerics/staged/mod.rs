@@ -57,7 +57,7 @@ struct Factors {
     fronts: Vec<FrontEnd>,
 }
 
-/// Where a front ends in the factors, and how many of its unknowns are its border.
+/// Where a front ends in the factors, and how many of its unknowns are its border; none of any if it has no pivots.
 #[derive(Clone, Copy, Debug, Default)]
 struct FrontEnd {
     pivots: usize,
@@ -132,8 +132,9 @@ impl FrontFactors<'_> {
 #[derive(Clone, Debug)]
 pub struct StagedLdl {
     order: usize,
-    /// (row, column) of each value.
-    positions: Vec<(u32, u32)>,
+    /// Where each column starts, and the row of each value.
+    column_start: Vec<usize>,
+    rows: Vec<usize>,
     /// S, and S K S as factorised.
     scale: Vec<f64>,
     scaled: Vec<f64>,
@@ -167,7 +168,8 @@ impl StagedLdl {
     pub fn new(matrix: &Sparse, stage: &[usize], equations: Range<usize>) -> Self {
         Self {
             order: matrix.columns,
-            positions: matrix.entries().map(|(i, j, _)| (i as u32, j as u32)).collect(),
+            column_start: matrix.column_start.clone(),
+            rows: matrix.row_index.clone(),
             scale: vec![1.0; matrix.columns],
             scaled: vec![0.0; matrix.values.len()],
             fronts: fronts(matrix, stage, equations),
@@ -195,11 +197,14 @@ impl StagedLdl {
         let mut largest = vec![0.0f64; self.order];
         for _ in 0..EQUILIBRATIONS {
             largest.fill(0.0);
-            for (&(i, j), value) in self.positions.iter().zip(values) {
-                let (i, j) = (i as usize, j as usize);
-                let size = (value * self.scale[i] * self.scale[j]).abs();
-                largest[i] = if size > largest[i] { size } else { largest[i] };
-                largest[j] = if size > largest[j] { size } else { largest[j] };
+            for (j, column) in self.column_start.windows(2).enumerate() {
+                let (scale, mut of_column) = (self.scale[j], largest[j]);
+                for (&i, value) in self.rows[column[0]..column[1]].iter().zip(&values[column[0]..column[1]]) {
+                    let size = (value * self.scale[i] * scale).abs();
+                    largest[i] = if size > largest[i] { size } else { largest[i] };
+                    of_column = if size > of_column { size } else { of_column };
+                }
+                largest[j] = if of_column > largest[j] { of_column } else { largest[j] };
             }
             for (scale, largest) in self.scale.iter_mut().zip(&largest) {
                 if *largest > 0.0 {
@@ -207,8 +212,10 @@ impl StagedLdl {
                 }
             }
         }
-        for ((scaled, value), &(i, j)) in self.scaled.iter_mut().zip(values).zip(&self.positions) {
-            *scaled = value * self.scale[i as usize] * self.scale[j as usize];
+        for (j, column) in self.column_start.windows(2).enumerate() {
+            for slot in column[0]..column[1] {
+                self.scaled[slot] = values[slot] * self.scale[self.rows[slot]] * self.scale[j];
+            }
         }
     }
 
@@ -283,26 +290,29 @@ impl Work {
                 panel[row * width * LANE + column] += values[slot];
             }
         }
+        // What may be pivots is held whole.
         for i in 0..summed {
-            for j in i + 1..summed {
-                panel[j * width * LANE + i] = panel[i * width * LANE + j];
-            }
+            let (above, below) = panel.split_at_mut((i + 1) * width * LANE);
+            let row = &above[i * width * LANE..][i + 1..summed];
+            below.chunks_exact_mut(width * LANE).zip(row).for_each(|(below, value)| below[i] = *value);
         }
         self.pivots.clear();
         let mut panel = Panel { values: &mut self.panel, width, unknowns: &mut self.unknowns };
-        let done = front::eliminate(&mut panel, is_last, &mut self.pivots);
-        if done > 0 && border > 0 {
-            self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
-            front::complete(&mut self.border, &panel, start, &self.pivots, &mut self.scaled);
+        let done = if summed > 0 { front::eliminate(&mut panel, is_last, &mut self.pivots) } else { 0 };
+        if done > 0 {
+            if border > 0 {
+                self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
+                front::complete(&mut self.border, &panel, start, &self.pivots, &mut self.scaled);
+            }
+            factors.keep(&panel, &self.pivots);
+            factors.unknowns.extend_from_slice(&self.unknowns);
+            factors.unknowns.extend_from_slice(&pattern.border);
         }
-        factors.keep(&panel, &self.pivots);
-        factors.unknowns.extend_from_slice(&self.unknowns);
-        factors.unknowns.extend_from_slice(&pattern.border);
         factors.fronts.push(FrontEnd {
             pivots: factors.pivots.len(),
             unknowns: factors.unknowns.len(),
             rows: factors.rows.len(),
-            border,
+            border: if done > 0 { border } else { 0 },
         });
         self.waiting = first + 1;
         self.rests.resize_with(self.rests.len().max(self.waiting), Rest::default);
