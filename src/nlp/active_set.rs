@@ -80,7 +80,6 @@ pub fn solve(
     }
     let mut solution = vec![0.0; kkt.order()];
     let mut factorisations = 0;
-    let mut has_tried_most = false;
     for round in 0..ROUNDS {
         let mut is_right = |damping: f64, kkt: &mut Kkt| {
             factorisations += 1;
@@ -94,6 +93,7 @@ pub fn solve(
             });
             inertia.is_some_and(|inertia| kkt.is_right(inertia))
         };
+        let mut has_tried_most = false;
         while !is_right(*damping, kkt) {
             // Where the largest δ is not enough, none between is tried.
             if !std::mem::replace(&mut has_tried_most, true) && !is_right(EXACT_DAMPING, kkt) {

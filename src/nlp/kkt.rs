@@ -178,12 +178,14 @@ impl Kkt {
         let scale = (0..self.order()).map(|i| right(i, &self.active).abs()).fold(0.0, f64::max).max(1e-300);
         solution.fill(0.0);
         let mut best = f64::INFINITY;
-        for _ in 0..REFINEMENTS {
+        for refinement in 0..REFINEMENTS {
             for i in 0..self.order() {
                 self.residual[i] = right(i, &self.active);
             }
             let matrix = if regularised { &self.regularised } else { &self.matrix };
-            matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
+            if refinement > 0 {
+                matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
+            }
             let size = self.residual.iter().map(|r| r.abs()).fold(0.0, f64::max) / scale;
             if size.is_nan() || size >= 0.5 * best {
                 if size < best {
