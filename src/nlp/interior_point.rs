@@ -40,16 +40,25 @@ const NEAR: (f64, f64) = (0.1, 10.0);
 const LEAST_SLACK: f64 = 1e-2;
 const RAISE: f64 = 1.1;
 
-/// Solves the sub-problem at `here` to a relative `tolerance`; `damping` is raised as far as the inertia asks for, up to `most`, and left
-/// there.
+/// How far to go, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Manner {
+    /// δ is raised up to here.
+    pub most: f64,
+    /// Relative.
+    pub tolerance: f64,
+    /// Without the start and without the further corrections.
+    pub is_plain: bool,
+}
+
+/// Solves the sub-problem at `here`; `damping` is raised as far as the inertia asks for, and left there.
 pub fn solve(
     kkt: &mut Kkt,
     here: &Iterate,
     hessian: &Sparse,
     metric: &Sparse,
     damping: &mut f64,
-    most: f64,
-    tolerance: f64,
+    Manner { most, tolerance, is_plain }: Manner,
 ) -> Result<Step, NoStep> {
     let (n, me, mi) = (here.x.len(), here.equalities.len(), here.inequalities.len());
     let largest = |values: &[f64]| values.iter().fold(0.0f64, |a, v| a.max(v.abs()));
@@ -59,7 +68,7 @@ pub fn solve(
     let mut s: Vec<f64> = here.inequalities.iter().map(|b| b.max(LEAST_SLACK)).collect();
     let mut nu: Vec<f64> = here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect();
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
-    let mut has_begun = false;
+    let mut has_begun = is_plain;
     let mut weights = vec![0.0; mi];
     for factorisations in 0..ITERATIONS {
         // Residuals of the optimality conditions.
@@ -132,7 +141,7 @@ pub fn solve(
         // One length for all: with an indefinite Q, primal and dual steps do not part.
         let length = |ds: &[f64], dnu: &[f64]| (TO_BOUNDARY * reach(&s, ds).min(reach(&nu, dnu))).min(1.0);
         let mut alpha = length(&ds, &dnu);
-        for _ in 0..CORRECTIONS {
+        for _ in 0..if is_plain { 0 } else { CORRECTIONS } {
             if alpha >= LONG {
                 break;
             }

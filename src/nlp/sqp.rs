@@ -26,7 +26,7 @@
 use super::active_set::{self, EXACT_DAMPING, SMALLEST_DAMPING, Step};
 use super::deadline::Deadline;
 use super::filter::{Filter, Verdict};
-use super::interior_point;
+use super::interior_point::{self, Manner};
 use super::iterate::{Iterate, KktError};
 use super::kkt::{Inertia, Kkt, KktValues, Rows};
 use super::problem::{Curvature, Multipliers, Problem};
@@ -111,6 +111,8 @@ impl SqpOutcome {
     }
 }
 
+/// Where fewer iterations than these are allowed nothing is begun anew.
+const LEAST_TWICE: usize = 40;
 /// Iterations that do not halve the KKT error before a point within the tolerance is good enough.
 const PATIENCE: usize = 30;
 /// Least δ, and after how many such iterations it gives way to an even smaller one. A δ however small keeps muscles that run away from
@@ -173,6 +175,8 @@ struct Sqp<'p> {
     most: f64,
     /// Whether the last sub-problem was that of the convexified Hessian.
     convexified: bool,
+    /// Whether the interior point is the plain one.
+    is_plain: bool,
     factorisations: usize,
 }
 
@@ -182,42 +186,65 @@ pub fn solve(problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettin
 }
 
 /// [`solve`] with the symbolic factorisation of this problem at hand.
+///
+/// What has not converged when the iterations are over, or is stuck, is begun anew with the plain interior point and as many iterations:
+/// which of many flat ways the iteration goes down depends on it.
 pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettings) -> SqpOutcome {
-    kkt.deadline = settings.deadline;
-    let Start { x: start, multipliers } = start.into();
-    let [_, _, pattern] = problem.patterns();
-    let mut gauss_newton = pattern.clone();
-    let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
-    problem.hessian(
-        &start,
-        Multipliers { equalities: &no_lambda, inequalities: &no_nu },
-        Curvature::Exact,
-        &mut gauss_newton,
-    );
-    let mut here = Iterate::new(problem, start);
-    let active = multipliers.map(|(lambda, nu, active)| {
-        (here.equality_multipliers, here.inequality_multipliers) = (lambda, nu);
-        active
-    });
-    let solver = Sqp {
-        problem,
-        settings,
-        kkt,
-        hessian: pattern.clone(),
-        convex: pattern.clone(),
-        metric: pattern.clone(),
-        gauss_newton,
-        filter: Filter::new(here.violation()),
-        here,
-        active,
-        damping: FIRST_DAMPING,
-        floor: USUAL_FLOOR,
-        curved: false,
-        most: MOST,
-        convexified: false,
-        factorisations: 0,
-    };
-    solver.run()
+    let start = start.into();
+    let mut first = Sqp::new(kkt, problem, start.clone(), settings, false).run();
+    let is_stuck = [SqpStatus::IterationLimit, SqpStatus::Stalled, SqpStatus::QpFailed].contains(&first.status);
+    if !is_stuck || settings.max_iterations < LEAST_TWICE {
+        return first;
+    }
+    if let Some(last) = first.trace.last_mut() {
+        last.step_norm = distance(&last.x, &start.x);
+    }
+    let second = Sqp::new(kkt, problem, start, settings, true).run();
+    SqpOutcome {
+        trace: [first.trace, second.trace].concat(),
+        factorisations: first.factorisations + second.factorisations,
+        ..second
+    }
+}
+
+impl<'p> Sqp<'p> {
+    fn new(kkt: &'p mut Kkt, problem: &'p dyn Problem, start: Start, settings: SqpSettings, is_plain: bool) -> Self {
+        kkt.deadline = settings.deadline;
+        let Start { x: start, multipliers } = start;
+        let [_, _, pattern] = problem.patterns();
+        let mut gauss_newton = pattern.clone();
+        let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
+        problem.hessian(
+            &start,
+            Multipliers { equalities: &no_lambda, inequalities: &no_nu },
+            Curvature::Exact,
+            &mut gauss_newton,
+        );
+        let mut here = Iterate::new(problem, start);
+        let active = multipliers.map(|(lambda, nu, active)| {
+            (here.equality_multipliers, here.inequality_multipliers) = (lambda, nu);
+            active
+        });
+        Self {
+            problem,
+            settings,
+            kkt,
+            hessian: pattern.clone(),
+            convex: pattern.clone(),
+            metric: pattern.clone(),
+            gauss_newton,
+            filter: Filter::new(here.violation()),
+            here,
+            active,
+            damping: FIRST_DAMPING,
+            floor: USUAL_FLOOR,
+            curved: false,
+            most: MOST,
+            convexified: false,
+            is_plain,
+            factorisations: 0,
+        }
+    }
 }
 
 impl Sqp<'_> {
@@ -367,8 +394,8 @@ impl Sqp<'_> {
                     }
                 };
                 let mut delta = *damping;
-                let found =
-                    interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, most, tolerance);
+                let manner = Manner { most, tolerance, is_plain: self.is_plain };
+                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, manner);
                 let Ok(mut step) = found else { continue };
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = *damping;
@@ -390,10 +417,10 @@ impl Sqp<'_> {
         }
         // At first, and where all else fails. Clarabel scales and pivots differently: what the own interior point cannot solve it may.
         let delta = damping.clamp(CONVEX_DAMPING.0, CONVEX_DAMPING.1);
-        let (here, metric, tolerance) = (&self.here, &self.metric, interior_point::COARSE);
+        let manner = Manner { most: delta, tolerance: interior_point::COARSE, is_plain: self.is_plain };
         let mut same = delta;
-        if let Ok(step) = interior_point::solve(self.kkt, here, &self.gauss_newton, metric, &mut same, delta, tolerance)
-        {
+        let found = interior_point::solve(self.kkt, &self.here, &self.gauss_newton, &self.metric, &mut same, manner);
+        if let Ok(step) = found {
             self.factorisations += step.factorisations;
             return Ok(step);
         }
