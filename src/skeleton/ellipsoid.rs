@@ -26,10 +26,10 @@ use super::surface::{Contact, Spread, around_sphere};
 
 const NODES: usize = 24;
 const SWEEPS: usize = 400;
-/// Runge–Kutta steps along the geodesic, and to what its equations are solved with them: first roughly.
-const ROUGH: Accuracy = Accuracy { steps: 8, tolerance: 1e-4 };
-const FINE: Accuracy = Accuracy { steps: 48, tolerance: 1e-13 };
+/// Runge–Kutta steps along the geodesic.
+const STEPS: usize = 48;
 const NEWTON: usize = 40;
+const TOLERANCE: f64 = 1e-13;
 
 /// Ways kept to be asked for again: functions, Jacobian and Hessian of a problem all want those of the same instant.
 const KEPT: usize = 1 << 13;
@@ -84,13 +84,6 @@ fn shortest_way(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contact> {
 
 struct Ellipsoid {
     radii: Vector,
-}
-
-#[derive(Clone, Copy)]
-struct Accuracy {
-    steps: usize,
-    /// In the size of the way.
-    tolerance: f64,
 }
 
 impl Ellipsoid {
@@ -164,7 +157,7 @@ impl Ellipsoid {
     }
 
     /// The geodesic of some length from `x` in the direction `t`; backwards for a negative length.
-    fn geodesic(&self, x: Vector, t: Vector, length: f64, steps: usize) -> Geodesic {
+    fn geodesic(&self, x: Vector, t: Vector, length: f64) -> Geodesic {
         // Of x and t, and of the Gaussian curvature: 1/(∏ r² (Σ x²/r⁴)²).
         let product: f64 = self.radii.iter().map(|r| r * r).product();
         let forces = |x: &Vector, t: &Vector| {
@@ -173,12 +166,12 @@ impl Ellipsoid {
             let square = dot(&gradient, &gradient);
             (gradient.map(|g| -g * bent / square), -16.0 / (product * square * square))
         };
-        let h = length / steps as f64;
+        let h = length / STEPS as f64;
         // (x, t), and the neighbours (y, y′) that begin with (1, 0) and with (0, 1).
         let (mut x, mut t, mut y) = (x, t, [1.0, 0.0, 0.0, 1.0]);
         let rate = |y: &[f64; 4], k: f64| [y[1], k * y[0], y[3], k * y[2]];
         let step = |y: &[f64; 4], h: f64, by: &[f64; 4]| [0, 1, 2, 3].map(|i| y[i] + h * by[i]);
-        for _ in 0..steps {
+        for _ in 0..STEPS {
             let (a1, k1) = forces(&x, &t);
             let (v1, y1) = (t, rate(&y, k1));
             let v2 = along(&t, h / 2.0, &a1);
@@ -207,32 +200,24 @@ impl Ellipsoid {
     }
 
     /// The trial with a first contact and a length; see the module.
-    fn trial(&self, a: &Vector, b: &Vector, first: Vector, length: f64, steps: usize) -> Trial {
+    fn trial(&self, a: &Vector, b: &Vector, first: Vector, length: f64) -> Trial {
         let normal = self.normal(&first);
         let arriving = minus(&first, a);
         let way = unit(&along(&arriving, -dot(&arriving, &normal), &normal));
-        let geodesic = self.geodesic(first, way, length, steps);
+        let geodesic = self.geodesic(first, way, length);
         let (normal_last, rest) = (self.normal(&geodesic.end), minus(b, &geodesic.end));
         let across = cross(&normal_last, &geodesic.way);
         let residual = [-dot(&normal, &arriving), dot(&normal_last, &rest), dot(&across, &rest)];
         Trial { first, length, way, geodesic, residual }
     }
 
-    /// Solves the equations of the module.
+    /// Solves the equations of the module by a damped Newton method.
     fn taut(&self, a: &Vector, b: &Vector, first: Vector, length: f64) -> Option<Contact> {
-        let near = self.solved(a, b, first, length, ROUGH);
-        near.and_then(|near| self.solved(a, b, near.first, near.length, FINE))
-            .or_else(|| self.solved(a, b, first, length, FINE))
-    }
-
-    /// The same by a damped Newton method, with so many steps along the geodesic.
-    fn solved(&self, a: &Vector, b: &Vector, first: Vector, length: f64, accuracy: Accuracy) -> Option<Contact> {
-        let Accuracy { steps, tolerance } = accuracy;
-        let mut now = self.trial(a, b, first, length, steps);
+        let mut now = self.trial(a, b, first, length);
         let scale = norm(&minus(a, &now.first)).max(norm(&minus(b, &now.geodesic.end))).max(1e-3);
         let done = |trial: &Trial| {
             let Geodesic { end, spread, .. } = trial.geodesic;
-            (norm(&trial.residual) <= tolerance.max(1e-9) * scale).then_some(Contact {
+            (norm(&trial.residual) <= 1e-9 * scale).then_some(Contact {
                 first: trial.first,
                 last: end,
                 length: trial.length,
@@ -240,7 +225,7 @@ impl Ellipsoid {
             })
         };
         for _ in 0..NEWTON {
-            if norm(&now.residual) <= tolerance * scale {
+            if norm(&now.residual) <= TOLERANCE * scale {
                 break;
             }
             let [r1, r2, r3] = now.residual;
@@ -262,7 +247,7 @@ impl Ellipsoid {
             let mut share = 1.0;
             loop {
                 let point = along(&along(&now.first, share * sigma, &now.way), share * beta, &across);
-                let trial = self.trial(a, b, self.onto(&point), now.length + share * (eta - sigma), steps);
+                let trial = self.trial(a, b, self.onto(&point), now.length + share * (eta - sigma));
                 if norm(&trial.residual) < norm(&now.residual) {
                     now = trial;
                     break;
