@@ -396,19 +396,19 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// A random saddle-point matrix over `stages` stages of 5 unknowns, of which 2 have a zero diagonal block.
-    fn matrix(rng: &mut impl rand::Rng, stages: usize) -> (Sparse, Vec<usize>) {
-        let stage: Vec<usize> = (0..5 * stages).map(|i| i / 5).collect();
+    /// A random saddle-point matrix over `stages` stages of `each` unknowns, of which two fifths have a zero diagonal block.
+    fn matrix(rng: &mut impl rand::Rng, stages: usize, each: usize) -> (Sparse, Vec<usize>) {
+        let stage: Vec<usize> = (0..each * stages).map(|i| i / each).collect();
         let mut triplets = Vec::new();
-        for i in 0..5 * stages {
-            for j in i..5 * stages {
-                let dual = |k: usize| k % 5 >= 3;
+        for i in 0..each * stages {
+            for j in i..each * stages {
+                let dual = |k: usize| 5 * (k % each) >= 3 * each;
                 if stage[j] - stage[i] <= 2 && !(dual(i) && dual(j)) && rng.random_range(0.0..1.0) < 0.7 {
                     triplets.push((i, j, rng.random_range(-1.0..1.0)));
                 }
             }
         }
-        (Sparse::from_triplets(5 * stages, 5 * stages, &triplets), stage)
+        (Sparse::from_triplets(each * stages, each * stages, &triplets), stage)
     }
 
     #[test]
@@ -424,8 +424,9 @@ mod tests {
     #[test]
     fn solutions_and_inertia_agree_with_the_dense_eigenvalues() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        for stages in [1, 2, 7, 20] {
-            let (matrix, stage) = matrix(&mut rng, stages);
+        // The last with fronts of many lanes.
+        for (stages, each) in [(1, 5), (2, 5), (7, 5), (20, 5), (6, 25)] {
+            let (matrix, stage) = matrix(&mut rng, stages, each);
             let n = matrix.columns;
             let mut ldl = StagedLdl::new(&matrix, &stage, 0..0);
             let inertia = ldl.factorise(&matrix.values).unwrap();
