@@ -68,7 +68,7 @@ pub fn solve(
     let mut s: Vec<f64> = here.inequalities.iter().map(|b| b.max(LEAST_SLACK)).collect();
     let mut nu: Vec<f64> = here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect();
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
-    let mut has_begun = is_plain;
+    let (mut has_begun, corrections) = if is_plain { (true, 0) } else { (false, CORRECTIONS) };
     let mut weights = vec![0.0; mi];
     for factorisations in 0..ITERATIONS {
         // Residuals of the optimality conditions.
@@ -141,7 +141,7 @@ pub fn solve(
         // One length for all: with an indefinite Q, primal and dual steps do not part.
         let length = |ds: &[f64], dnu: &[f64]| (TO_BOUNDARY * reach(&s, ds).min(reach(&nu, dnu))).min(1.0);
         let mut alpha = length(&ds, &dnu);
-        for _ in 0..if is_plain { 0 } else { CORRECTIONS } {
+        for _ in 0..corrections {
             if alpha >= LONG {
                 break;
             }

@@ -190,6 +190,7 @@ pub fn solve(problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettin
 /// What has not converged when the iterations are over, or is stuck, is begun anew with the plain interior point and as many iterations:
 /// which of many flat ways the iteration goes down depends on it.
 pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettings) -> SqpOutcome {
+    kkt.deadline = settings.deadline;
     let start = start.into();
     let mut first = Sqp::new(kkt, problem, start.clone(), settings, false).run();
     let is_stuck = [SqpStatus::IterationLimit, SqpStatus::Stalled, SqpStatus::QpFailed].contains(&first.status);
@@ -209,7 +210,6 @@ pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>,
 
 impl<'p> Sqp<'p> {
     fn new(kkt: &'p mut Kkt, problem: &'p dyn Problem, start: Start, settings: SqpSettings, is_plain: bool) -> Self {
-        kkt.deadline = settings.deadline;
         let Start { x: start, multipliers } = start;
         let [_, _, pattern] = problem.patterns();
         let mut gauss_newton = pattern.clone();

@@ -45,7 +45,7 @@ struct Rest {
     border: Vec<Lane>,
 }
 
-/// The pivots and what they stand for: of each front its unknowns in their last order, and D Lᵀ right of the pivots, row by row, in whole
+/// The pivots and what they stand for: of each front that has any its unknowns in their last order, and D Lᵀ right of the pivots, row by row, in whole
 /// lanes from that of the pivot on; zero up to and in the pivot.
 #[derive(Clone, Debug, Default)]
 struct Factors {
@@ -57,7 +57,7 @@ struct Factors {
     fronts: Vec<FrontEnd>,
 }
 
-/// Where a front ends in the factors, and how many of its unknowns are its border; none of any if it has no pivots.
+/// Where a front that has pivots ends in the factors, and how many of its unknowns are its border.
 #[derive(Clone, Copy, Debug, Default)]
 struct FrontEnd {
     pivots: usize,
@@ -110,18 +110,15 @@ impl Factors {
 }
 
 impl FrontFactors<'_> {
-    /// Its part of x, in lanes.
-    fn gather(&self, x: &[f64], local: &mut Vec<Lane>) {
+    /// Changes its part of x, which goes into `local` by lanes.
+    fn apply(&self, change: fn(&[Pivot], &[Lane], &mut [Lane]), x: &mut [f64], local: &mut Vec<Lane>) {
         let [summed, border] = self.unknowns;
         local.clear();
         local.resize(lanes(summed.len()) + lanes(border.len()), ZERO);
         let (head, tail) = local.split_at_mut(lanes(summed.len()));
         summed.iter().zip(flat_mut(head)).for_each(|(&i, to)| *to = x[i]);
         border.iter().zip(flat_mut(tail)).for_each(|(&i, to)| *to = x[i]);
-    }
-
-    fn scatter(&self, local: &[Lane], x: &mut [f64]) {
-        let [summed, border] = self.unknowns;
+        change(self.pivots, self.rows, local);
         let (head, tail) = local.split_at(lanes(summed.len()));
         summed.iter().zip(flat(head)).for_each(|(&i, from)| x[i] = *from);
         border.iter().zip(flat(tail)).for_each(|(&i, from)| x[i] = *from);
@@ -155,8 +152,9 @@ struct Work {
     scaled: Vec<Lane>,
     pivots: Vec<Pivot>,
     unknowns: Vec<usize>,
-    /// The column in the front of each of `own` then `border`, and of each unknown of a front that is taken in.
+    /// The column in the front of each of `own` then `border`.
     column: Vec<usize>,
+    /// The column of each unknown of a front that is taken in.
     target: Vec<usize>,
 }
 
@@ -222,7 +220,7 @@ impl StagedLdl {
     /// Signs of the eigenvalues, from those of the pivots.
     fn inertia(&self) -> Option<Inertia> {
         let mut inertia = Inertia { positive: 0, negative: 0 };
-        let Factors { alone, pivots, .. } = &self.factors;
+        let Factors { alone, pivots, rows, .. } = &self.factors;
         let alone = alone.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
         for pivot in alone.chain(pivots.iter().copied()) {
             let [p, q, r] = pivot.inverse;
@@ -240,7 +238,7 @@ impl StagedLdl {
                 true => inertia.negative += 2,
             }
         }
-        Some(inertia)
+        flat(rows).iter().all(|value| value.is_finite()).then_some(inertia)
     }
 
     /// Solves in place with the last factorisation.
@@ -248,21 +246,12 @@ impl StagedLdl {
         debug_assert_eq!(x.len(), self.order);
         x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
         let mut local = Vec::new();
-        for f in 0..self.fronts.len() {
-            let front = self.factors.front(f);
-            front.gather(x, &mut local);
-            front::forward(front.pivots, front.rows, &mut local);
-            front.scatter(&local, x);
-        }
+        let fronts = 0..self.factors.fronts.len();
+        fronts.clone().for_each(|f| self.factors.front(f).apply(front::forward, x, &mut local));
         for &(i, inverse) in &self.factors.alone {
             x[i] *= inverse;
         }
-        for f in (0..self.fronts.len()).rev() {
-            let front = self.factors.front(f);
-            front.gather(x, &mut local);
-            front::backward(front.pivots, front.rows, &mut local);
-            front.scatter(&local, x);
-        }
+        fronts.rev().for_each(|f| self.factors.front(f).apply(front::backward, x, &mut local));
         x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
     }
 }
@@ -307,13 +296,13 @@ impl Work {
             factors.keep(&panel, &self.pivots);
             factors.unknowns.extend_from_slice(&self.unknowns);
             factors.unknowns.extend_from_slice(&pattern.border);
+            factors.fronts.push(FrontEnd {
+                pivots: factors.pivots.len(),
+                unknowns: factors.unknowns.len(),
+                rows: factors.rows.len(),
+                border,
+            });
         }
-        factors.fronts.push(FrontEnd {
-            pivots: factors.pivots.len(),
-            unknowns: factors.unknowns.len(),
-            rows: factors.rows.len(),
-            border: if done > 0 { border } else { 0 },
-        });
         self.waiting = first + 1;
         self.rests.resize_with(self.rests.len().max(self.waiting), Rest::default);
         let rest = &mut self.rests[first];
