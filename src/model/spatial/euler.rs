@@ -81,23 +81,34 @@ pub fn turn_slopes(p: &[f64], s: [f64; 3]) -> [[f64; 3]; 4] {
     [0, 1, 2, 3].map(|k| [0, 1, 2].map(|i| (columns[k][i] - 2.0 * p[k] * y[i]) / square))
 }
 
-/// [`turn`] as jets, p in the slots from `at` on: `y_kl = (∂²A s/∂p_k∂p_l − 2 p_k y_l − 2 p_l y_k − 2 δ_kl y)/pᵀp`.
-pub fn turned<const N: usize>(p: &[f64], at: usize, s: [f64; 3]) -> [Jet<f64, N>; 3] {
+/// `pull · ∂²y/∂p_k∂p_l` of [`turn`]'s y: `y_kl = (∂²A s/∂p_k∂p_l − 2 p_k y_l − 2 p_l y_k − 2 δ_kl y)/pᵀp`.
+pub fn turn_bend(p: &[f64], s: [f64; 3], pull: [f64; 3]) -> [[f64; 4]; 4] {
     let square: f64 = p.iter().map(|x| x * x).sum();
-    let (y, first) = (turn(p, s), turn_slopes(p, s));
-    let mut out = y.map(Jet::constant);
+    let along = |x: [f64; 3]| x[0] * pull[0] + x[1] * pull[1] + x[2] * pull[2];
+    let (y, first) = (along(turn(p, s)), turn_slopes(p, s).map(along));
+    let mut out = [[0.0; 4]; 4];
     for k in 0..4 {
-        for l in 0..4 {
-            let bend = bend(k, l, s);
-            for (i, jet) in out.iter_mut().enumerate() {
-                let same = if k == l { 2.0 * y[i] } else { 0.0 };
-                jet.hessian[at + k][at + l] =
-                    (bend[i] - 2.0 * p[k] * first[l][i] - 2.0 * p[l] * first[k][i] - same) / square;
-            }
+        for l in 0..=k {
+            let same = if k == l { 2.0 * y } else { 0.0 };
+            out[k][l] = (along(bend(k, l, s)) - 2.0 * p[k] * first[l] - 2.0 * p[l] * first[k] - same) / square;
+            out[l][k] = out[k][l];
         }
-        out.iter_mut().enumerate().for_each(|(i, jet)| jet.gradient[at + k] = first[k][i]);
     }
     out
+}
+
+/// [`turn`] as jets, p in the slots from `at` on.
+pub fn turned<const N: usize>(p: &[f64], at: usize, s: [f64; 3]) -> [Jet<f64, N>; 3] {
+    let (value, slopes) = (turn(p, s), turn_slopes(p, s));
+    [0, 1, 2].map(|i| {
+        let mut jet = Jet::constant(value[i]);
+        let bend = turn_bend(p, s, [0, 1, 2].map(|j| f64::from(u8::from(i == j))));
+        for k in 0..4 {
+            jet.gradient[at + k] = slopes[k][i];
+            jet.hessian[at + k][at..at + 4].copy_from_slice(&bend[k]);
+        }
+        jet
+    })
 }
 
 /// Euler parameters of a rotation matrix (rows), the sign with the largest entry positive.

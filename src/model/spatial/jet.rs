@@ -36,28 +36,51 @@ impl<T: Scalar, const N: usize> Jet<T, N> {
 
     /// f(x) of jets x, from the value, the gradient and the Hessian of f.
     pub fn compose<const M: usize>(value: T, gradient: &[T; M], hessian: &[[T; M]; M], x: &[Self; M]) -> Self {
-        let mut out = Self::constant(value);
+        let mut out = Self::constant(T::from(0.0));
+        out.add_function(value, gradient, hessian, &std::array::from_fn(|i| x[i].gradient));
         for i in 0..M {
             for a in 0..N {
-                out.gradient[a] += gradient[i] * x[i].gradient[a];
                 for b in 0..N {
                     out.hessian[a][b] += gradient[i] * x[i].hessian[a][b];
                 }
             }
+        }
+        out
+    }
+
+    /// Adds f(x), from the value, the gradient and the Hessian of f and the slopes of x: all but the part of second derivatives of x.
+    pub fn add_function<const M: usize>(
+        &mut self,
+        value: T,
+        gradient: &[T; M],
+        hessian: &[[T; M]; M],
+        slopes: &[[T; N]; M],
+    ) {
+        self.value += value;
+        for i in 0..M {
             // Row i of H J, then its outer product with row i of J.
             let mut row = [T::from(0.0); N];
             for j in 0..M {
                 for b in 0..N {
-                    row[b] += hessian[i][j] * x[j].gradient[b];
+                    row[b] += hessian[i][j] * slopes[j][b];
                 }
             }
             for a in 0..N {
+                self.gradient[a] += gradient[i] * slopes[i][a];
                 for b in 0..N {
-                    out.hessian[a][b] += x[i].gradient[a] * row[b];
+                    self.hessian[a][b] += slopes[i][a] * row[b];
                 }
             }
         }
-        out
+    }
+
+    /// Adds x yᵀ + y xᵀ to the Hessian.
+    pub fn add_product(&mut self, x: &[T; N], y: &[T; N]) {
+        for a in 0..N {
+            for b in 0..N {
+                self.hessian[a][b] += x[a] * y[b] + y[a] * x[b];
+            }
+        }
     }
 }
 

@@ -100,6 +100,31 @@ pub fn frame_of(q: &[f64], body: Option<usize>) -> Frame<f64> {
     Frame { axes, origin: [q[0], q[1], q[2]] }
 }
 
+/// A point or a direction in the ground's frame, with its slopes over N slots, axis by axis.
+struct Moving<const N: usize> {
+    at: Vector,
+    slopes: [[f64; N]; 3],
+}
+
+impl<const N: usize> Moving<N> {
+    fn minus(mut self, other: &Self) -> Self {
+        for i in 0..3 {
+            self.at[i] -= other.at[i];
+            (0..N).for_each(|k| self.slopes[i][k] -= other.slopes[i][k]);
+        }
+        self
+    }
+
+    fn along(&self, way: &Vector) -> f64 {
+        crate::skeleton::frame::dot(&self.at, way)
+    }
+
+    fn slopes_along(&self, way: &Vector) -> [f64; N] {
+        let [x, y, z] = &self.slopes;
+        std::array::from_fn(|k| x[k] * way[0] + y[k] * way[1] + z[k] * way[2])
+    }
+}
+
 impl Elevation {
     fn value(&self, q: &[f64]) -> f64 {
         let turned = |body: Option<usize>, axis| {
@@ -295,29 +320,16 @@ impl SpatialPath {
         }
     }
 
-    /// Value, gradient and Hessian by jets over the slots and two directions of each free point.
+    /// Value, gradient and Hessian over the slots and two directions of each free point.
     fn bend<const N: usize>(&self, q: &[f64], pieces: &[Piece], joints: usize, out: &mut PathLength<f64>) {
         let (n, all) = (self.slots.len(), self.slots.len() + 2 * joints);
         assert!(all <= N, "a path over {} bodies and {joints} surfaces in a row", n / PER_BODY);
         let mut sum: Jet<f64, N> = Jet::constant(0.0);
         for piece in pieces {
-            let ends = [piece.from, piece.to].map(|end| match end {
-                End::Point(point) => self.point(point, q),
-                End::Joint(k, place, way) => {
-                    let (u, v) = tangents(&way);
-                    let mut jets = place.map(Jet::constant);
-                    for (i, jet) in jets.iter_mut().enumerate() {
-                        jet.gradient[n + 2 * k] = u[i];
-                        jet.gradient[n + 2 * k + 1] = v[i];
-                    }
-                    jets
-                }
-            });
-            sum = sum
-                + match &piece.touches {
-                    None => straight(&ends),
-                    Some((surface, contact)) => self.wrapped(*surface, contact, piece, &ends, q),
-                };
+            match &piece.touches {
+                None => self.straight(piece, q, &mut sum),
+                Some((surface, contact)) => self.wrapped(*surface, contact, piece, q, &mut sum),
+            }
         }
         out.value += sum.value;
         out.gradient.iter_mut().zip(&sum.gradient).for_each(|(g, x)| *g += x);
@@ -349,8 +361,11 @@ impl SpatialPath {
     /// The moving coordinate as a jet.
     fn angle<const N: usize>(&self, by: &Elevation, q: &[f64]) -> Jet<f64, N> {
         let [c, offset] = by.cosine;
-        let f =
-            dot(&self.direction(by.parent, by.axes[0], q), &self.direction(by.child, by.axes[1], q)).scaled(1.0 / c);
+        let direction = |body: Option<usize>, x: Vector| match (body, self.slot(body)) {
+            (Some(b), Some(at)) => euler::turned(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], at + 3, x),
+            _ => turned(q, body, x).map(Jet::constant),
+        };
+        let f = dot(&direction(by.parent, by.axes[0]), &direction(by.child, by.axes[1])).scaled(1.0 / c);
         let x = f.value.clamp(-1.0, 1.0);
         let sine = (1.0 - x * x).max(1e-16).sqrt();
         let mut angle = Jet::compose(x.acos(), &[-1.0 / sine], &[[-x / sine.powi(3)]], &[f]);
@@ -359,70 +374,142 @@ impl SpatialPath {
     }
 
     /// A direction of a body, in the ground's axes.
-    fn direction<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> [Jet<f64, N>; 3] {
-        match (body, self.slot(body)) {
-            (Some(b), Some(at)) => euler::turned(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], at + 3, x),
-            _ => turned(q, body, x).map(Jet::constant),
+    fn direction<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> Moving<N> {
+        let mut moving = Moving { at: turned(q, body, x), slopes: [[0.0; N]; 3] };
+        if let (Some(body), Some(at)) = (body, self.slot(body)) {
+            for (k, column) in euler::turn_slopes(&q[PER_BODY * body + 3..PER_BODY * (body + 1)], x).iter().enumerate() {
+                (0..3).for_each(|i| moving.slopes[i][at + 3 + k] = column[i]);
+            }
         }
+        moving
     }
 
     /// A point of a body, in the ground's frame.
-    fn fixed<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> [Jet<f64, N>; 3] {
-        let mut jets = self.direction(body, x, q);
+    fn fixed<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> Moving<N> {
+        let mut moving = self.direction(body, x, q);
         if let Some(body) = body {
-            let at = self.slot(Some(body));
-            for (i, jet) in jets.iter_mut().enumerate() {
-                jet.value += q[PER_BODY * body + i];
-                if let Some(at) = at {
-                    jet.gradient[at + i] = 1.0;
+            (0..3).for_each(|i| moving.at[i] += q[PER_BODY * body + i]);
+        }
+        if let Some(at) = self.slot(body) {
+            (0..3).for_each(|i| moving.slopes[i][at + i] = 1.0);
+        }
+        moving
+    }
+
+    /// An end of a piece, in the ground's frame.
+    fn end<const N: usize>(&self, end: End, q: &[f64]) -> Moving<N> {
+        match end {
+            End::Point(point) => {
+                let PathPoint { place, moves } = &self.points[point];
+                let mut moving = self.fixed(place.body, self.local(point, q), q);
+                if let Some((by, slope)) = moves {
+                    let (angle, slope): (Jet<f64, N>, _) = (self.angle(by, q), turned(q, place.body, *slope));
+                    for i in 0..3 {
+                        (0..N).for_each(|k| moving.slopes[i][k] += slope[i] * angle.gradient[k]);
+                    }
                 }
+                moving
+            }
+            End::Joint(k, place, way) => {
+                let mut moving = Moving { at: place, slopes: [[0.0; N]; 3] };
+                let (u, v) = tangents(&way);
+                let first = self.slots.len() + 2 * k;
+                for i in 0..3 {
+                    (moving.slopes[i][first], moving.slopes[i][first + 1]) = (u[i], v[i]);
+                }
+                moving
             }
         }
-        jets
     }
 
-    fn point<const N: usize>(&self, point: usize, q: &[f64]) -> [Jet<f64, N>; 3] {
+    /// Adds `pull · ∂²(A x)` of a direction of a body to a Hessian.
+    fn add_turned<const N: usize>(&self, body: Option<usize>, x: Vector, pull: &Vector, q: &[f64], sum: &mut Jet<f64, N>) {
+        let (Some(body), Some(at)) = (body, self.slot(body)) else { return };
+        let bent = euler::turn_bend(&q[PER_BODY * body + 3..PER_BODY * (body + 1)], x, *pull);
+        for k in 0..4 {
+            (0..4).for_each(|l| sum.hessian[at + 3 + k][at + 3 + l] += bent[k][l]);
+        }
+    }
+
+    /// Adds `pull · ∂²x` of an end x to a Hessian.
+    fn add_end<const N: usize>(&self, end: End, pull: &Vector, q: &[f64], sum: &mut Jet<f64, N>) {
+        let End::Point(point) = end else { return };
         let PathPoint { place, moves } = &self.points[point];
-        let fixed = self.fixed(place.body, place.point, q);
-        match moves {
-            None => fixed,
-            Some((by, slope)) => {
-                let (angle, slope) = (self.angle(by, q), self.direction(place.body, *slope, q));
-                [0, 1, 2].map(|i| fixed[i] + slope[i] * angle)
+        self.add_turned(place.body, self.local(point, q), pull, q, sum);
+        if let Some((by, slope)) = moves {
+            let angle: Jet<f64, N> = self.angle(by, q);
+            let slope: Moving<N> = self.direction(place.body, *slope, q);
+            let (along, slopes) = (slope.along(pull), slope.slopes_along(pull));
+            sum.add_product(&slopes, &angle.gradient);
+            for a in 0..N {
+                (0..N).for_each(|b| sum.hessian[a][b] += along * angle.hessian[a][b]);
             }
         }
     }
 
-    /// The length of a piece around a surface, its ends brought into the surface's frame.
+    /// Adds |b − a|.
+    fn straight<const N: usize>(&self, piece: &Piece, q: &[f64], sum: &mut Jet<f64, N>) {
+        let [a, b]: [Moving<N>; 2] = [piece.from, piece.to].map(|end| self.end(end, q));
+        let way = b.minus(&a);
+        let (length, t) = (norm(&way.at), unit(&way.at));
+        let hessian = [0, 1, 2].map(|i| [0, 1, 2].map(|j| (f64::from(u8::from(i == j)) - t[i] * t[j]) / length));
+        sum.add_function(length, &t, &hessian, &way.slopes);
+        self.add_end(piece.from, &t.map(|x| -x), q, sum);
+        self.add_end(piece.to, &t, q, sum);
+    }
+
+    /// Adds the length of a piece around a surface. It is a function of the ends in the surface's frame,
+    /// a′ = Rᵀ w with w = a − c; of its slope g′ by a′ the second derivatives of a′ make, with g = R g′,
+    ///
+    /// ```text
+    /// g′·∂²a′ = g·∂²w + ∂²g·w + ∂gᵀ ∂w + ∂wᵀ ∂g
+    /// ```
     fn wrapped<const N: usize>(
         &self,
         surface: usize,
         contact: &Contact,
         piece: &Piece,
-        ends: &[[Jet<f64, N>; 3]; 2],
         q: &[f64],
-    ) -> Jet<f64, N> {
+        sum: &mut Jet<f64, N>,
+    ) {
         let Obstacle { body, frame, shape, .. } = &self.surfaces[surface];
-        let place = frame_of(q, *body) * *frame;
-        let back = place.inverse();
-        let centre = self.fixed(*body, frame.origin, q);
-        let axes = [0, 1, 2].map(|j| self.direction(*body, [0, 1, 2].map(|i| frame.axes[i][j]), q));
-        let inside = |end: End, jets: &[Jet<f64, N>; 3]| match end {
-            // Fixed to the surface's own body.
+        let back = (frame_of(q, *body) * *frame).inverse();
+        let centre: Moving<N> = self.fixed(*body, frame.origin, q);
+        let axes: [Moving<N>; 3] =
+            [0, 1, 2].map(|j| self.direction(*body, [0, 1, 2].map(|i| frame.axes[i][j]), q));
+        // The way from the centre to an end, and that end in the surface's frame; of its body's own points nothing moves.
+        let ends = [piece.from, piece.to].map(|end| match end {
             End::Point(k) if self.points[k].place.body == *body && self.points[k].moves.is_none() => {
-                frame.inverse().point(&self.points[k].place.point).map(Jet::constant)
+                (None, Moving { at: frame.inverse().point(&self.points[k].place.point), slopes: [[0.0; N]; 3] })
             }
             _ => {
-                let way = [0, 1, 2].map(|i| jets[i] - centre[i]);
-                [0, 1, 2].map(|j| dot(&axes[j], &way))
+                let way = self.end(end, q).minus(&centre);
+                let inside = Moving {
+                    at: [0, 1, 2].map(|j| axes[j].along(&way.at)),
+                    slopes: [0, 1, 2].map(|j| {
+                        let (turned, moved) = (axes[j].slopes_along(&way.at), way.slopes_along(&axes[j].at));
+                        std::array::from_fn(|k| turned[k] + moved[k])
+                    }),
+                };
+                (Some(way), inside)
             }
-        };
-        let (a, b) = (inside(piece.from, &ends[0]), inside(piece.to, &ends[1]));
+        });
         let local = Contact { first: back.point(&contact.first), last: back.point(&contact.last), ..*contact };
-        let (from, to) = (a.map(|jet| jet.value), b.map(|jet| jet.value));
+        let [from, to] = [ends[0].1.at, ends[1].1.at];
         let value = norm(&minus(&local.first, &from)) + local.length + norm(&minus(&to, &local.last));
         let (gradient, hessian) = shape.curvature(&from, &to, &local);
-        Jet::compose(value, &gradient, &hessian, &[a[0], a[1], a[2], b[0], b[1], b[2]])
+        let slopes: [[f64; N]; 6] = std::array::from_fn(|i| ends[i / 3].1.slopes[i % 3]);
+        sum.add_function(value, &gradient, &hessian, &slopes);
+        for (k, end) in [piece.from, piece.to].into_iter().enumerate() {
+            let Some(way) = &ends[k].0 else { continue };
+            let inside: Vector = std::array::from_fn(|j| gradient[3 * k + j]);
+            let of_body = [0, 1, 2].map(|i| crate::skeleton::frame::dot(&frame.axes[i], &inside));
+            let pull: Moving<N> = self.direction(*body, of_body, q);
+            self.add_end(end, &pull.at, q, sum);
+            self.add_turned(*body, frame.origin, &pull.at.map(|x| -x), q, sum);
+            self.add_turned(*body, of_body, &way.at, q, sum);
+            (0..3).for_each(|i| sum.add_product(&pull.slopes[i], &way.slopes[i]));
+        }
     }
 
     /// The length and its derivatives, and in the dual parts how they change along `direction` (over all coordinates). The change
@@ -483,19 +570,4 @@ fn add_softened(with: &PathLength<f64>, without: &PathLength<f64>, out: &mut Pat
 /// A direction of a body in the ground's axes.
 fn turned(q: &[f64], body: Option<usize>, x: Vector) -> Vector {
     body.map_or(x, |b| euler::turn(&q[PER_BODY * b + 3..PER_BODY * (b + 1)], x))
-}
-
-/// |b − a|
-fn straight<const N: usize>(ends: &[[Jet<f64, N>; 3]; 2]) -> Jet<f64, N> {
-    let way = [0, 1, 2].map(|i| ends[1][i] - ends[0][i]);
-    let d = way.map(|jet| jet.value);
-    let length = norm(&d);
-    let n = unit(&d);
-    let mut hessian = [[0.0; 3]; 3];
-    for i in 0..3 {
-        for j in 0..3 {
-            hessian[i][j] = (f64::from(u8::from(i == j)) - n[i] * n[j]) / length;
-        }
-    }
-    Jet::compose(length, &n, &hessian, &way)
 }
