@@ -26,10 +26,26 @@ use super::surface::{Contact, Spread, around_sphere};
 
 const NODES: usize = 24;
 const SWEEPS: usize = 400;
-/// Runge–Kutta steps along the geodesic.
-const STEPS: usize = 48;
 const NEWTON: usize = 40;
-const TOLERANCE: f64 = 1e-13;
+
+/// Below this share of the straight parts, a residual that does not fall is rounding.
+const ROUNDING: f64 = 1e-11;
+
+/// How closely a way is found.
+#[derive(Clone, Copy)]
+struct Care {
+    /// Runge–Kutta steps along the geodesic.
+    steps: usize,
+    /// Newton's method ends at residuals below this share of the straight parts, and gives up above `least` of it.
+    aim: f64,
+    least: f64,
+}
+
+const FINE: Care = Care { steps: 48, aim: 1e-13, least: 1e-9 };
+/// To begin [`FINE`] with.
+const ROUGH: Care = Care { steps: 8, aim: 1e-3, least: 1e-2 };
+/// A rough way further from its start than this share of the smallest radius is not used.
+const ROUGHLY_THERE: f64 = 0.3;
 
 /// Ways kept to be asked for again: functions, Jacobian and Hessian of a problem all want those of the same instant.
 const KEPT: usize = 1 << 13;
@@ -42,7 +58,11 @@ thread_local! {
 }
 
 /// See [`super::surface::Shape::contact`].
-pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contact> {
+pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Contact>) -> Option<Contact> {
+    // A way begun near another is not asked for again, and differs from one begun afresh by rounding: it is not kept.
+    if near.is_some() {
+        return shortest_way(radii, a, b, near);
+    }
     let key: [u64; 9] = std::array::from_fn(|i| [radii, a, b][i / 3][i % 3].to_bits());
     let mut hasher = DefaultHasher::new();
     key.hash(&mut hasher);
@@ -50,14 +70,14 @@ pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contac
     WAYS.with_borrow_mut(|ways| match ways[place] {
         Some((kept, way)) if kept == key => way,
         _ => {
-            let way = shortest_way(radii, a, b);
+            let way = shortest_way(radii, a, b, None);
             ways[place] = Some((key, way));
             way
         }
     })
 }
 
-fn shortest_way(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contact> {
+fn shortest_way(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Contact>) -> Option<Contact> {
     // In units of the mean radius.
     let unit_length = radii.iter().sum::<f64>() / 3.0;
     let scaled = |x: &Vector| x.map(|x| x / unit_length);
@@ -66,15 +86,28 @@ fn shortest_way(radii: &Vector, a: &Vector, b: &Vector) -> Option<Contact> {
     if !ellipsoid.hides(&a, &b) {
         return None;
     }
-    let found = ellipsoid
-        .affine(&a, &b)
-        .and_then(|(first, length, all)| {
-            let contact = ellipsoid.taut(&a, &b, first, length)?;
+    let nearby =
+        |near: &Contact| ellipsoid.taut(&a, &b, ellipsoid.onto(&scaled(&near.first)), near.length / unit_length, &FINE);
+    let around = || {
+        let (first, length, all) = ellipsoid.affine(&a, &b)?;
+        // The shortest way is no longer than any: not one that goes around more than once.
+        let is_short = |contact: &Contact| {
             let found = norm(&minus(&contact.first, &a)) + contact.length + norm(&minus(&b, &contact.last));
-            // The shortest way is no longer than any: not one that goes around more than once.
-            (contact.length > 0.0 && found <= all * (1.0 + 1e-3)).then_some(contact)
-        })
-        .or_else(|| ellipsoid.string(&a, &b).and_then(|(first, length)| ellipsoid.taut(&a, &b, first, length)))?;
+            contact.length > 0.0 && found <= all * (1.0 + 1e-3)
+        };
+        let is_near = |contact: &Contact| {
+            let far = norm(&minus(&contact.first, &first)).max((contact.length - length).abs());
+            far < ROUGHLY_THERE * ellipsoid.radii.iter().copied().fold(f64::INFINITY, f64::min)
+        };
+        let rough = ellipsoid.taut(&a, &b, first, length, &ROUGH).filter(is_near);
+        let fine = |first, length| ellipsoid.taut(&a, &b, first, length, &FINE).filter(is_short);
+        rough.and_then(|rough| fine(rough.first, rough.length)).or_else(|| fine(first, length))
+    };
+    let string = || {
+        let (first, length) = ellipsoid.string(&a, &b)?;
+        ellipsoid.taut(&a, &b, first, length, &FINE)
+    };
+    let found = near.and_then(nearby).or_else(around).or_else(string)?;
     let back = |x: &Vector| x.map(|x| x * unit_length);
     let Spread { along, turned, bent, kept } = found.spread;
     let spread = Spread { along, turned: turned * unit_length, bent: bent / unit_length, kept };
@@ -157,7 +190,7 @@ impl Ellipsoid {
     }
 
     /// The geodesic of some length from `x` in the direction `t`; backwards for a negative length.
-    fn geodesic(&self, x: Vector, t: Vector, length: f64) -> Geodesic {
+    fn geodesic(&self, x: Vector, t: Vector, length: f64, steps: usize) -> Geodesic {
         // Of x and t, and of the Gaussian curvature: 1/(∏ r² (Σ x²/r⁴)²).
         let product: f64 = self.radii.iter().map(|r| r * r).product();
         let forces = |x: &Vector, t: &Vector| {
@@ -166,12 +199,12 @@ impl Ellipsoid {
             let square = dot(&gradient, &gradient);
             (gradient.map(|g| -g * bent / square), -16.0 / (product * square * square))
         };
-        let h = length / STEPS as f64;
+        let h = length / steps as f64;
         // (x, t), and the neighbours (y, y′) that begin with (1, 0) and with (0, 1).
         let (mut x, mut t, mut y) = (x, t, [1.0, 0.0, 0.0, 1.0]);
         let rate = |y: &[f64; 4], k: f64| [y[1], k * y[0], y[3], k * y[2]];
         let step = |y: &[f64; 4], h: f64, by: &[f64; 4]| [0, 1, 2, 3].map(|i| y[i] + h * by[i]);
-        for _ in 0..STEPS {
+        for _ in 0..steps {
             let (a1, k1) = forces(&x, &t);
             let (v1, y1) = (t, rate(&y, k1));
             let v2 = along(&t, h / 2.0, &a1);
@@ -200,11 +233,11 @@ impl Ellipsoid {
     }
 
     /// The trial with a first contact and a length; see the module.
-    fn trial(&self, a: &Vector, b: &Vector, first: Vector, length: f64) -> Trial {
+    fn trial(&self, a: &Vector, b: &Vector, first: Vector, length: f64, steps: usize) -> Trial {
         let normal = self.normal(&first);
         let arriving = minus(&first, a);
         let way = unit(&along(&arriving, -dot(&arriving, &normal), &normal));
-        let geodesic = self.geodesic(first, way, length);
+        let geodesic = self.geodesic(first, way, length, steps);
         let (normal_last, rest) = (self.normal(&geodesic.end), minus(b, &geodesic.end));
         let across = cross(&normal_last, &geodesic.way);
         let residual = [-dot(&normal, &arriving), dot(&normal_last, &rest), dot(&across, &rest)];
@@ -212,12 +245,12 @@ impl Ellipsoid {
     }
 
     /// Solves the equations of the module by a damped Newton method.
-    fn taut(&self, a: &Vector, b: &Vector, first: Vector, length: f64) -> Option<Contact> {
-        let mut now = self.trial(a, b, first, length);
+    fn taut(&self, a: &Vector, b: &Vector, first: Vector, length: f64, care: &Care) -> Option<Contact> {
+        let mut now = self.trial(a, b, first, length, care.steps);
         let scale = norm(&minus(a, &now.first)).max(norm(&minus(b, &now.geodesic.end))).max(1e-3);
         let done = |trial: &Trial| {
             let Geodesic { end, spread, .. } = trial.geodesic;
-            (norm(&trial.residual) <= 1e-9 * scale).then_some(Contact {
+            (norm(&trial.residual) <= care.least * scale).then_some(Contact {
                 first: trial.first,
                 last: end,
                 length: trial.length,
@@ -225,7 +258,7 @@ impl Ellipsoid {
             })
         };
         for _ in 0..NEWTON {
-            if norm(&now.residual) <= TOLERANCE * scale {
+            if norm(&now.residual) <= care.aim * scale {
                 break;
             }
             let [r1, r2, r3] = now.residual;
@@ -247,13 +280,13 @@ impl Ellipsoid {
             let mut share = 1.0;
             loop {
                 let point = along(&along(&now.first, share * sigma, &now.way), share * beta, &across);
-                let trial = self.trial(a, b, self.onto(&point), now.length + share * (eta - sigma));
+                let trial = self.trial(a, b, self.onto(&point), now.length + share * (eta - sigma), care.steps);
                 if norm(&trial.residual) < norm(&now.residual) {
                     now = trial;
                     break;
                 }
                 share *= 0.5;
-                if share < 1e-6 {
+                if share < 1e-6 || norm(&now.residual) <= ROUNDING * scale {
                     // As good as rounding lets it be, or not at all.
                     return done(&now);
                 }

@@ -123,7 +123,7 @@ impl MusclePath {
             let places: Vec<(Frame<f64>, &Shape)> = (surfaces.iter().map(|&s| &skeleton.surfaces[s]))
                 .map(|surface| (frames[surface.body] * surface.frame, &surface.shape))
                 .collect();
-            let contacts = contacts(&places, &a, &b);
+            let contacts = contacts(&places, &a, &b, &[]);
             let (mut from, mut place) = (Corner::Point(ends[0]), a);
             for (&surface, contact) in surfaces.iter().zip(&contacts) {
                 let Some(contact) = contact else { continue };
@@ -142,20 +142,29 @@ impl MusclePath {
 }
 
 /// Contacts with all surfaces between two points, in the ground's frame, from where each surface is: each between those it
-/// lies between, again and again until nothing moves.
-pub fn contacts(places: &[(Frame<f64>, &Shape)], a: &Vector, b: &Vector) -> Vec<Option<Contact>> {
-    let mut contacts: Vec<Option<Contact>> = vec![None; places.len()];
+/// lies between, again and again until nothing moves. `near`: the contacts of a path nearby, one a surface, or nothing.
+pub fn contacts(
+    places: &[(Frame<f64>, &Shape)],
+    a: &Vector,
+    b: &Vector,
+    near: &[Option<Contact>],
+) -> Vec<Option<Contact>> {
+    let begun = !near.is_empty();
+    let mut contacts = if begun { near.to_vec() } else { vec![None; places.len()] };
     for _ in 0..ROUNDS {
         let mut moved = 0.0f64;
         for (k, (place, shape)) in places.iter().enumerate() {
             let before = contacts[..k].iter().rev().flatten().next().map_or(*a, |contact| contact.last);
             let after = contacts[k + 1..].iter().flatten().next().map_or(*b, |contact| contact.first);
             let inside = place.inverse();
-            let found = shape.contact(&inside.point(&before), &inside.point(&after)).map(|contact| Contact {
+            let moved_to = |place: &Frame<f64>, contact: Contact| Contact {
                 first: place.point(&contact.first),
                 last: place.point(&contact.last),
                 ..contact
-            });
+            };
+            let near = contacts[k].filter(|_| begun).map(|contact| moved_to(&inside, contact));
+            let found = shape.contact_near(&inside.point(&before), &inside.point(&after), near.as_ref());
+            let found = found.map(|contact| moved_to(place, contact));
             let apart = |old: &Contact, new: &Contact| {
                 norm(&minus(&old.first, &new.first)).max(norm(&minus(&old.last, &new.last)))
             };

@@ -114,6 +114,11 @@ impl Shape {
     /// The contact of the shortest path from `a` to `b`, points of the surface's frame; `None` if it does not touch. A point
     /// within the surface has no path around it: none either.
     pub fn contact(&self, a: &Vector, b: &Vector) -> Option<Contact> {
+        self.contact_near(a, b, None)
+    }
+
+    /// [`Shape::contact`], sooner found from that of a path nearby.
+    pub fn contact_near(&self, a: &Vector, b: &Vector, near: Option<&Contact>) -> Option<Contact> {
         match self {
             Shape::Sphere { radius } => around_sphere(*radius, a, b),
             Shape::Cylinder { radius, side, length } => {
@@ -121,7 +126,7 @@ impl Shape {
                 let contact = around_cylinder(*radius, *side, a, b);
                 contact.filter(|contact| !(beyond(&contact.first) && beyond(&contact.last)))
             }
-            Shape::Ellipsoid { radii } => around_ellipsoid(radii, a, b),
+            Shape::Ellipsoid { radii } => around_ellipsoid(radii, a, b, near),
         }
     }
 }

@@ -91,6 +91,13 @@ enum End {
     Joint(usize, Vector, Vector),
 }
 
+/// Surfaces that a part of a path touches, in its order, and where.
+type Touches = Vec<(usize, Contact)>;
+
+fn surfaces(touched: &[Touches]) -> Vec<usize> {
+    touched.iter().flatten().map(|(surface, _)| *surface).collect()
+}
+
 /// Frame of a body in the ground's; the ground itself for `None`.
 pub fn frame_of(q: &[f64], body: Option<usize>) -> Frame<f64> {
     let Some(body) = body else { return Frame::identity() };
@@ -169,7 +176,7 @@ impl SpatialPath {
     }
 
     /// The surfaces that a part of the path touches, without one of those that it may; in the ground's frame.
-    fn touched(&self, q: &[f64], part: usize, without: Option<usize>) -> Vec<(usize, Contact)> {
+    fn touched(&self, q: &[f64], part: usize, without: Option<usize>, near: &[(usize, Contact)]) -> Touches {
         let met: Vec<usize> = (0..self.surfaces.len())
             .filter(|&s| self.surfaces[s].is_in_the_way_of(part) && Some(s) != without)
             .collect();
@@ -179,7 +186,10 @@ impl SpatialPath {
         let places: Vec<(Frame<f64>, &Shape)> = (met.iter().map(|&s| &self.surfaces[s]))
             .map(|surface| (frame_of(q, surface.body) * surface.frame, &surface.shape))
             .collect();
-        let found = contacts(&places, &self.position(part, q), &self.position(part + 1, q));
+        let of = |s: usize| near.iter().find(|(surface, _)| *surface == s).map(|(_, contact)| *contact);
+        let near: Vec<Option<Contact>> =
+            if near.is_empty() { Vec::new() } else { met.iter().map(|&s| of(s)).collect() };
+        let found = contacts(&places, &self.position(part, q), &self.position(part + 1, q), &near);
         met.iter().zip(found).filter_map(|(&s, contact)| Some((s, contact?))).collect()
     }
 
@@ -206,12 +216,18 @@ impl SpatialPath {
     /// one, and eq. (1), which has its slope, is smooth: an optimum that lies just there has a KKT point. Lengths change by less
     /// than 0.3 E_0 = 0.06 µm.
     pub fn length(&self, q: &[f64], second: bool, out: &mut PathLength<f64>) -> Vec<usize> {
+        surfaces(&self.length_near(q, second, &[], out))
+    }
+
+    /// [`SpatialPath::length`], sooner found from what the parts of the path touch in a pose nearby.
+    fn length_near(&self, q: &[f64], second: bool, near: &[Touches], out: &mut PathLength<f64>) -> Vec<Touches> {
         out.value = 0.0;
         out.gradient.fill(0.0);
         out.hessian.fill(0.0);
         let mut all = Vec::new();
         for part in 0..self.points.len() - 1 {
-            let touched = self.touched(q, part, None);
+            let near = near.get(part).map_or(&[][..], |near| near);
+            let touched = self.touched(q, part, None, near);
             let light = (touched.iter().map(|(surface, _)| *surface).zip(self.lightness(q, part, &touched)))
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .filter(|(_, excess)| *excess < LIGHT * SOFT_EXCESS);
@@ -222,12 +238,12 @@ impl SpatialPath {
                     let buffer = || PathLength { value: 0.0, gradient: vec![0.0; n], hessian: vec![0.0; n * n] };
                     let (mut with, mut without) = (buffer(), buffer());
                     self.add(q, &Self::pieces(part, &touched), second, &mut with);
-                    let others = self.touched(q, part, Some(surface));
+                    let others = self.touched(q, part, Some(surface), near);
                     self.add(q, &Self::pieces(part, &others), second, &mut without);
                     add_softened(&with, &without, out);
                 }
             }
-            all.extend(touched.iter().map(|(surface, _)| *surface));
+            all.push(touched);
         }
         all
     }
@@ -377,7 +393,8 @@ impl SpatialPath {
     fn direction<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> Moving<N> {
         let mut moving = Moving { at: turned(q, body, x), slopes: [[0.0; N]; 3] };
         if let (Some(body), Some(at)) = (body, self.slot(body)) {
-            for (k, column) in euler::turn_slopes(&q[PER_BODY * body + 3..PER_BODY * (body + 1)], x).iter().enumerate() {
+            for (k, column) in euler::turn_slopes(&q[PER_BODY * body + 3..PER_BODY * (body + 1)], x).iter().enumerate()
+            {
                 (0..3).for_each(|i| moving.slopes[i][at + 3 + k] = column[i]);
             }
         }
@@ -423,7 +440,14 @@ impl SpatialPath {
     }
 
     /// Adds `pull · ∂²(A x)` of a direction of a body to a Hessian.
-    fn add_turned<const N: usize>(&self, body: Option<usize>, x: Vector, pull: &Vector, q: &[f64], sum: &mut Jet<f64, N>) {
+    fn add_turned<const N: usize>(
+        &self,
+        body: Option<usize>,
+        x: Vector,
+        pull: &Vector,
+        q: &[f64],
+        sum: &mut Jet<f64, N>,
+    ) {
         let (Some(body), Some(at)) = (body, self.slot(body)) else { return };
         let bent = euler::turn_bend(&q[PER_BODY * body + 3..PER_BODY * (body + 1)], x, *pull);
         for k in 0..4 {
@@ -475,8 +499,7 @@ impl SpatialPath {
         let Obstacle { body, frame, shape, .. } = &self.surfaces[surface];
         let back = (frame_of(q, *body) * *frame).inverse();
         let centre: Moving<N> = self.fixed(*body, frame.origin, q);
-        let axes: [Moving<N>; 3] =
-            [0, 1, 2].map(|j| self.direction(*body, [0, 1, 2].map(|i| frame.axes[i][j]), q));
+        let axes: [Moving<N>; 3] = [0, 1, 2].map(|j| self.direction(*body, [0, 1, 2].map(|i| frame.axes[i][j]), q));
         // The way from the centre to an end, and that end in the surface's frame; of its body's own points nothing moves.
         let ends = [piece.from, piece.to].map(|end| match end {
             End::Point(k) if self.points[k].place.body == *body && self.points[k].moves.is_none() => {
@@ -518,7 +541,7 @@ impl SpatialPath {
         let n = self.slots.len();
         let buffer = || PathLength { value: 0.0, gradient: vec![0.0; n], hessian: vec![0.0; n * n] };
         let mut here = buffer();
-        let touched = self.length(q, true, &mut here);
+        let touched = self.length_near(q, true, &[], &mut here);
         let way: Vec<f64> = self.slots.iter().map(|&slot| direction[slot]).collect();
         let change = |row: &[f64]| row.iter().zip(&way).map(|(x, d)| x * d).sum::<f64>();
         let size = way.iter().fold(0.0f64, |a, d| a.max(d.abs()));
@@ -529,7 +552,8 @@ impl SpatialPath {
                 let mut moved = q.to_vec();
                 self.slots.iter().zip(&way).for_each(|(&slot, d)| moved[slot] += e * d);
                 let mut there = buffer();
-                (self.length(&moved, true, &mut there) == touched).then_some(there.hessian)
+                let touched_there = self.length_near(&moved, true, &touched, &mut there);
+                (surfaces(&touched_there) == surfaces(&touched)).then_some(there.hessian)
             };
             if let (Some(up), Some(down)) = (at(e), at(-e)) {
                 third.iter_mut().zip(up.iter().zip(down)).for_each(|(t, (up, down))| *t = (up - down) / (2.0 * e));
