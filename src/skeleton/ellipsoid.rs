@@ -18,9 +18,6 @@
 //! The matrix is exact at the solution, so the convergence is quadratic. The start is the way around a sphere of which the
 //! ellipsoid is the affine image, or, where that fails, a taut string of nodes. Source: A. Scholz et al., *Multibody Syst. Dyn.* 36, 2016.
 
-use std::cell::RefCell;
-use std::hash::{DefaultHasher, Hash, Hasher};
-
 use super::frame::{Vector, along, cross, dot, minus, norm, unit};
 use super::surface::{Contact, Spread, around_sphere};
 
@@ -45,39 +42,10 @@ const FINE: Care = Care { steps: 48, aim: 1e-13, least: 1e-9 };
 /// To begin [`FINE`] with.
 const ROUGH: Care = Care { steps: 8, aim: 1e-3, least: 1e-2 };
 /// A rough way further from its start than this share of the smallest radius is not used.
-const ROUGHLY_THERE: f64 = 0.3;
+const ROUGHLY_THERE: f64 = 0.5;
 
-/// Ways kept to be asked for again: functions, Jacobian and Hessian of a problem all want those of the same instant.
-const KEPT: usize = 1 << 13;
-
-/// Radii, a and b to the last bit, and the way.
-type Kept = ([u64; 9], Option<Contact>);
-
-thread_local! {
-    static WAYS: RefCell<Vec<Option<Kept>>> = RefCell::new(vec![None; KEPT]);
-}
-
-/// See [`super::surface::Shape::contact`].
+/// See [`super::surface::Shape::contact_near`].
 pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Contact>) -> Option<Contact> {
-    // A way begun near another is not asked for again, and differs from one begun afresh by rounding: it is not kept.
-    if near.is_some() {
-        return shortest_way(radii, a, b, near);
-    }
-    let key: [u64; 9] = std::array::from_fn(|i| [radii, a, b][i / 3][i % 3].to_bits());
-    let mut hasher = DefaultHasher::new();
-    key.hash(&mut hasher);
-    let place = hasher.finish() as usize % KEPT;
-    WAYS.with_borrow_mut(|ways| match ways[place] {
-        Some((kept, way)) if kept == key => way,
-        _ => {
-            let way = shortest_way(radii, a, b, None);
-            ways[place] = Some((key, way));
-            way
-        }
-    })
-}
-
-fn shortest_way(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Contact>) -> Option<Contact> {
     // In units of the mean radius.
     let unit_length = radii.iter().sum::<f64>() / 3.0;
     let scaled = |x: &Vector| x.map(|x| x / unit_length);
@@ -86,26 +54,28 @@ fn shortest_way(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Contact>) 
     if !ellipsoid.hides(&a, &b) {
         return None;
     }
+    let fine = |first, length| ellipsoid.taut(&a, &b, first, length, &FINE);
+    let affine = ellipsoid.affine(&a, &b);
+    // The shortest way is no longer than any: not one that goes around more than once.
+    let is_short = |contact: &Contact| {
+        let found = norm(&minus(&contact.first, &a)) + contact.length + norm(&minus(&b, &contact.last));
+        contact.length > 0.0 && affine.is_none_or(|(_, _, all)| found <= all * (1.0 + 1e-3))
+    };
     let nearby =
-        |near: &Contact| ellipsoid.taut(&a, &b, ellipsoid.onto(&scaled(&near.first)), near.length / unit_length, &FINE);
+        |near: &Contact| fine(ellipsoid.onto(&scaled(&near.first)), near.length / unit_length).filter(is_short);
     let around = || {
-        let (first, length, all) = ellipsoid.affine(&a, &b)?;
-        // The shortest way is no longer than any: not one that goes around more than once.
-        let is_short = |contact: &Contact| {
-            let found = norm(&minus(&contact.first, &a)) + contact.length + norm(&minus(&b, &contact.last));
-            contact.length > 0.0 && found <= all * (1.0 + 1e-3)
-        };
+        let (first, length, _) = affine?;
         let is_near = |contact: &Contact| {
             let far = norm(&minus(&contact.first, &first)).max((contact.length - length).abs());
             far < ROUGHLY_THERE * ellipsoid.radii.iter().copied().fold(f64::INFINITY, f64::min)
         };
         let rough = ellipsoid.taut(&a, &b, first, length, &ROUGH).filter(is_near);
-        let fine = |first, length| ellipsoid.taut(&a, &b, first, length, &FINE).filter(is_short);
-        rough.and_then(|rough| fine(rough.first, rough.length)).or_else(|| fine(first, length))
+        let from_rough = rough.and_then(|rough| fine(rough.first, rough.length)).filter(is_short);
+        from_rough.or_else(|| fine(first, length).filter(is_short))
     };
     let string = || {
         let (first, length) = ellipsoid.string(&a, &b)?;
-        ellipsoid.taut(&a, &b, first, length, &FINE)
+        fine(first, length)
     };
     let found = near.and_then(nearby).or_else(around).or_else(string)?;
     let back = |x: &Vector| x.map(|x| x * unit_length);

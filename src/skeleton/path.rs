@@ -7,6 +7,9 @@
 //! ∂L/∂q = Σ over straight parts  û·(∂b/∂q − ∂a/∂q),   contacts moving with their surface's body
 //! ```
 
+use std::cell::RefCell;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use num_dual::Dual64;
 
 use super::Skeleton;
@@ -95,6 +98,16 @@ enum Corner<'p> {
     Contact(usize, Vector),
 }
 
+/// Paths kept to be asked for again: functions, Jacobian and Hessian of a problem all want those of the same instant.
+const KEPT: usize = 1 << 13;
+
+/// All that the contacts depend on, to the last bit, and the contacts.
+type Kept = (Vec<u64>, Vec<Option<Contact>>);
+
+thread_local! {
+    static WAYS: RefCell<Vec<Option<Kept>>> = RefCell::new(vec![None; KEPT]);
+}
+
 /// A path in one pose.
 pub struct Routed<'p> {
     /// m
@@ -141,30 +154,56 @@ impl MusclePath {
     }
 }
 
-/// Contacts with all surfaces between two points, in the ground's frame, from where each surface is: each between those it
-/// lies between, again and again until nothing moves. `near`: the contacts of a path nearby, one a surface, or nothing.
+/// Contacts with all surfaces between two points, in the ground's frame, from where each surface is. `near`: the contacts of a
+/// path nearby, one a surface, or nothing.
 pub fn contacts(
     places: &[(Frame<f64>, &Shape)],
     a: &Vector,
     b: &Vector,
     near: &[Option<Contact>],
 ) -> Vec<Option<Contact>> {
-    let begun = !near.is_empty();
-    let mut contacts = if begun { near.to_vec() } else { vec![None; places.len()] };
+    // A path found from one nearby is not asked for again, and differs by rounding from one found afresh: it is not kept.
+    if !near.is_empty() {
+        return settle(places, a, b, near.to_vec());
+    }
+    let of_places = places
+        .iter()
+        .flat_map(|(frame, shape)| frame.axes.into_iter().flatten().chain(frame.origin).chain(shape.sizes()));
+    let key: Vec<u64> = of_places.chain(*a).chain(*b).map(f64::to_bits).collect();
+    let mut hasher = DefaultHasher::new();
+    key.hash(&mut hasher);
+    let slot = hasher.finish() as usize % KEPT;
+    WAYS.with_borrow_mut(|ways| match &ways[slot] {
+        Some((kept, contacts)) if *kept == key => contacts.clone(),
+        _ => {
+            let contacts = settle(places, a, b, vec![None; places.len()]);
+            ways[slot] = Some((key, contacts.clone()));
+            contacts
+        }
+    })
+}
+
+/// Each contact between those it lies between, again and again until nothing moves.
+fn settle(
+    places: &[(Frame<f64>, &Shape)],
+    a: &Vector,
+    b: &Vector,
+    mut contacts: Vec<Option<Contact>>,
+) -> Vec<Option<Contact>> {
     for _ in 0..ROUNDS {
         let mut moved = 0.0f64;
         for (k, (place, shape)) in places.iter().enumerate() {
             let before = contacts[..k].iter().rev().flatten().next().map_or(*a, |contact| contact.last);
             let after = contacts[k + 1..].iter().flatten().next().map_or(*b, |contact| contact.first);
             let inside = place.inverse();
-            let moved_to = |place: &Frame<f64>, contact: Contact| Contact {
-                first: place.point(&contact.first),
-                last: place.point(&contact.last),
+            let seen_from = |frame: &Frame<f64>, contact: Contact| Contact {
+                first: frame.point(&contact.first),
+                last: frame.point(&contact.last),
                 ..contact
             };
-            let near = contacts[k].filter(|_| begun).map(|contact| moved_to(&inside, contact));
+            let near = contacts[k].map(|contact| seen_from(&inside, contact));
             let found = shape.contact_near(&inside.point(&before), &inside.point(&after), near.as_ref());
-            let found = found.map(|contact| moved_to(place, contact));
+            let found = found.map(|contact| seen_from(place, contact));
             let apart = |old: &Contact, new: &Contact| {
                 norm(&minus(&old.first, &new.first)).max(norm(&minus(&old.last, &new.last)))
             };

@@ -72,6 +72,18 @@ impl Shape {
         }
     }
 
+    /// All that tells one shape from another.
+    pub fn sizes(&self) -> [f64; 4] {
+        match self {
+            Shape::Sphere { radius } => [1.0, *radius, 0.0, 0.0],
+            Shape::Cylinder { radius, side, length } => {
+                let side = side.map_or(0.0, |side| side.sign * (1.0 + side.axis as f64));
+                [2.0, *radius, *length, side]
+            }
+            Shape::Ellipsoid { radii: [x, y, z] } => [3.0, *x, *y, *z],
+        }
+    }
+
     /// Direction outwards at a point of the surface.
     pub fn normal(&self, x: &Vector) -> Vector {
         match self {
