@@ -14,6 +14,7 @@ use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
 use super::jet::Jet;
 use crate::numerics::Scalar;
+use crate::skeleton::frame::dot;
 
 fn cross<T: Scalar>(a: [T; 3], b: [f64; 3]) -> [T; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -84,7 +85,7 @@ pub fn turn_slopes(p: &[f64], s: [f64; 3]) -> [[f64; 3]; 4] {
 /// `pull · ∂²y/∂p_k∂p_l` of [`turn`]'s y: `y_kl = (∂²A s/∂p_k∂p_l − 2 p_k y_l − 2 p_l y_k − 2 δ_kl y)/pᵀp`.
 pub fn turn_bend(p: &[f64], s: [f64; 3], pull: [f64; 3]) -> [[f64; 4]; 4] {
     let square: f64 = p.iter().map(|x| x * x).sum();
-    let along = |x: [f64; 3]| x[0] * pull[0] + x[1] * pull[1] + x[2] * pull[2];
+    let along = |x: [f64; 3]| dot(&x, &pull);
     let (y, first) = (along(turn(p, s)), turn_slopes(p, s).map(along));
     let mut out = [[0.0; 4]; 4];
     for k in 0..4 {

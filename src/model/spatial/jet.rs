@@ -21,12 +21,6 @@ impl<T: Scalar, const N: usize> Jet<T, N> {
         Self { value, gradient: [zero; N], hessian: [[zero; N]; N] }
     }
 
-    pub fn variable(value: T, slot: usize) -> Self {
-        let mut jet = Self::constant(value);
-        jet.gradient[slot] = T::from(1.0);
-        jet
-    }
-
     pub fn scaled(mut self, factor: f64) -> Self {
         self.value *= factor;
         self.gradient.iter_mut().for_each(|g| *g *= factor);
