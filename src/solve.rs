@@ -106,12 +106,12 @@ fn solve_timed(
         starts.extend(rest.map(|k| disturb(&guess, scheme.as_ref(), model, settings.seed, k).into()));
     }
     let mut kkt = Kkt::new(&problem);
-    let mut solve = |start| sqp::solve_with(&mut kkt, &problem, start, sqp_settings);
-    let mut runs: Vec<SqpOutcome> = starts.into_iter().map(&mut solve).collect();
+    let solve = |kkt: &mut Kkt, start| sqp::solve_with(kkt, &problem, start, sqp_settings);
+    let mut runs: Vec<SqpOutcome> = starts.into_iter().map(|start| solve(&mut kkt, start)).collect();
     // A warm start that leads nowhere gives way to the one by inverse dynamics.
     if is_warm && !deadline.passed() && runs.iter().all(|run| run.status != SqpStatus::Converged) {
         let cold = guess().map(|guess| disturb(&guess, scheme.as_ref(), model, settings.seed, settings.first_start));
-        runs.extend(cold.map(|x| solve(x.into())));
+        runs.extend(cold.map(|x| solve(&mut kkt, x.into())));
     }
     let solve_s = solved.elapsed().as_secs_f64();
     let best = best(&runs);
@@ -122,7 +122,7 @@ fn solve_timed(
 
     let ranked = Clock::now();
     // Ranks are taken at the polished point; it is also the solution where it is as good a one.
-    let polished = if deadline.passed() { None } else { polished(&problem, &run.iterate) };
+    let polished = if deadline.passed() { None } else { polished(&mut kkt, &problem, &run.iterate) };
     let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
     let good = ranked_at.kkt_error().largest() <= sqp_settings.target.max(run.iterate.kkt_error().largest());
     let point = if good { ranked_at } else { &run.iterate };
@@ -149,8 +149,6 @@ fn solve_timed(
     counter.iter_mut().for_each(|counter| counter.deadline = deadline);
     let every = counter.as_mut().filter(|_| settings.regularity == RegularityMode::EveryIteration);
     outcome.iterations = iteration_rows(&problem, run, every);
-    outcome.optima = optima(&problem, &runs, counter.as_mut());
-    outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
     if let Some(counter) = &mut counter {
         let setting = prediction_setting(model, scheme.as_ref(), &measurement, settings);
         if let Some((row, spectrum, null_directions)) = regularity_rows(counter, &problem, ranked_at, &setting) {
@@ -166,6 +164,9 @@ fn solve_timed(
             }
         }
     }
+    let known = outcome.regularity.as_ref().map(|row| (row.a.deficiency, row.aj.deficiency));
+    outcome.optima = optima(&mut kkt, &problem, &runs, counter.as_mut(), known);
+    outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
     if ranks_wanted && run.status == SqpStatus::Converged {
         let tracking = measurement.times.len() * model.coordinates();
         let parameters = uniqueness::parameters(&problem, point, settings.mu, tracking);
@@ -307,8 +308,15 @@ fn best(runs: &[SqpOutcome]) -> usize {
     converged.min_by(|a, b| a.1.iterate.objective.total_cmp(&b.1.iterate.objective)).map_or_else(nearest, |(k, _)| k)
 }
 
-/// The optima among the converged runs, the lowest first: objectives more than 1e-6 relative, or idle sets, apart.
-fn optima(problem: &Collocation<'_>, runs: &[SqpOutcome], mut counter: Option<&mut RankCounter>) -> Vec<OptimumRow> {
+/// The optima among the converged runs, the lowest first: objectives more than 1e-6 relative, or idle sets, apart. `lowest`: the deficiencies of
+/// the lowest one where they are known.
+fn optima(
+    kkt: &mut Kkt,
+    problem: &Collocation<'_>,
+    runs: &[SqpOutcome],
+    mut counter: Option<&mut RankCounter>,
+    lowest: Option<(i64, i64)>,
+) -> Vec<OptimumRow> {
     let mut converged: Vec<&SqpOutcome> = runs.iter().filter(|run| run.status == SqpStatus::Converged).collect();
     converged.sort_by(|a, b| a.iterate.objective.total_cmp(&b.iterate.objective));
     let mut optima: Vec<(OptimumRow, Vec<bool>)> = Vec::new();
@@ -322,9 +330,11 @@ fn optima(problem: &Collocation<'_>, runs: &[SqpOutcome], mut counter: Option<&m
             row.starts += 1;
             continue;
         }
-        let deficiencies = counter.as_mut().and_then(|counter| {
-            let point = polished(problem, &run.iterate).unwrap_or_else(|| run.iterate.clone());
-            counter.deficiencies(&point, &active_rows(problem, &point).0)
+        let deficiencies = lowest.filter(|_| optima.is_empty()).or_else(|| {
+            let counter = counter.as_mut()?;
+            let point = polished(kkt, problem, &run.iterate).unwrap_or_else(|| run.iterate.clone());
+            let (a, aj) = counter.deficiencies(&point, &active_rows(problem, &point).0)?;
+            Some((a as i64, aj as i64))
         });
         let names = problem.instant.model.muscles.iter().zip(&idle).filter(|(_, idle)| **idle);
         let names: Vec<&str> = names.map(|(muscle, _)| muscle.name.as_str()).collect();
@@ -332,8 +342,8 @@ fn optima(problem: &Collocation<'_>, runs: &[SqpOutcome], mut counter: Option<&m
             objective,
             starts: 1,
             idle: names.join(", "),
-            deficiency_a: deficiencies.map(|d| d.0 as i64),
-            deficiency_aj: deficiencies.map(|d| d.1 as i64),
+            deficiency_a: deficiencies.map(|d| d.0),
+            deficiency_aj: deficiencies.map(|d| d.1),
         };
         optima.push((row, idle));
     }
@@ -354,8 +364,8 @@ pub fn idle(problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
 }
 
 /// The solution with active bounds exactly on their value.
-fn polished(problem: &Collocation<'_>, iterate: &Iterate) -> Option<Iterate> {
-    let mut x = polish(problem, &iterate.x, &active(&iterate.inequalities))?;
+fn polished(kkt: &mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Option<Iterate> {
+    let mut x = polish(kkt, problem, &iterate.x, &active(&iterate.inequalities))?;
     // An idle muscle is put to exactly 0 where a ≥ 0 is not imposed, too.
     for (m, idle) in idle(problem, &x).into_iter().enumerate() {
         if idle {

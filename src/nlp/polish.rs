@@ -18,10 +18,9 @@ pub fn active(values: &[f64]) -> Vec<bool> {
 /// The point next to `x` (least change) where `c = 0` and the `active` rows of d vanish, to 1e-13 of the largest unknown
 /// (fibre lengths that alternate widely leave no more digits).
 ///
-/// `None` if Newton's method on them does not get there.
-pub fn polish(problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f64>> {
+/// `kkt`: that of this problem. `None` if Newton's method on them does not get there.
+pub fn polish(kkt: &mut Kkt, problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f64>> {
     let [_, _, pattern] = problem.patterns();
-    let mut kkt = Kkt::new(problem);
     let mut identity = pattern.clone();
     for column in 0..identity.columns {
         for slot in identity.column_start[column]..identity.column_start[column + 1] {

@@ -14,7 +14,6 @@
 //! ([`StagedSpectrum`]), linear in the number of points, for large ones and at every iterate.
 
 use faer::Mat;
-use rand::{RngExt, SeedableRng};
 
 use super::deadline::Deadline;
 use super::iterate::Iterate;
@@ -23,17 +22,20 @@ use crate::numerics::rank::{self, Rank};
 use crate::numerics::sparse::{Pattern, Sparse};
 use crate::numerics::spectrum::StagedSpectrum;
 
-/// Singular values this close to the cut, on either side, are kept: of the dense decomposition, and of the counted one.
+/// So many singular values on either side of the cut are kept where all are known; else one.
 const AROUND_CUT: usize = 6;
-const AROUND_CUT_COUNTED: usize = 1;
 /// Between these fractions of σ_max a singular value is neither clearly zero nor clearly not.
 const AMBIGUOUS: (f64, f64) = (1e-15, 1e-9);
 /// Up to so many unknowns the dense decomposition is taken.
 pub const DENSE_UNKNOWNS: usize = 700;
-/// Counted singular values are known to this relative precision.
+/// Counted singular values above the cut are known to this relative precision, those below, which are rounding, to a factor of two.
 const PRECISION: f64 = 1e-2;
-/// Random null directions looked at where all would be too many.
-const SAMPLED_DIRECTIONS: u64 = 3;
+const ROUGHLY: f64 = 1.0;
+/// Below this share of σ_max no singular value is looked for.
+const LEAST: f64 = 1e-18;
+/// Up to so many null directions are found all; else so many random ones.
+const FEW: usize = 8;
+const SAMPLED: usize = 3;
 
 /// Rank of one of the two matrices, and its spectrum near the cut.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,24 +67,37 @@ impl Spectrum {
         }
     }
 
+    /// By counting. `m` is the matrix last set, of which `rows` count; `full` is its rank without deficiency. `dropped`: the singular values
+    /// at or below the tolerance, largest first, if they are known.
     fn counted(
         matrix: &mut StagedSpectrum,
-        rows: usize,
+        [rows, full]: [usize; 2],
         columns: usize,
-        full: usize,
+        dropped: Option<&[f64]>,
         deadline: Deadline,
     ) -> Option<Self> {
         let sigma_max = matrix.sigma_max();
         let tolerance = rank::tolerance(rows, columns, sigma_max);
+        let [top, bottom] = [AMBIGUOUS.1, AMBIGUOUS.0].map(|share| share * sigma_max);
         let rank = matrix.count_above(tolerance)?;
-        let (high, low) = (matrix.count_above(AMBIGUOUS.1 * sigma_max)?, matrix.count_above(AMBIGUOUS.0 * sigma_max)?);
+        let high = matrix.count_above(top)?;
+        let low = match dropped {
+            Some(values) => rank + values.iter().filter(|value| **value > bottom).count(),
+            None => matrix.count_above(bottom)?,
+        };
         let mut around_cut = Vec::new();
-        for index in rank.saturating_sub(AROUND_CUT_COUNTED)..(rank + AROUND_CUT_COUNTED).min(rows.min(columns)) {
-            if deadline.passed() {
-                return None;
-            }
-            let (low, high) = if index < rank { (tolerance, 1.01 * sigma_max) } else { (1e-18 * sigma_max, tolerance) };
-            around_cut.push((index, matrix.value(index, low, high, PRECISION)?));
+        if rank > 0 && !deadline.passed() {
+            let bracket = if high < rank { (tolerance, top) } else { (top.max(tolerance), 1.01 * sigma_max) };
+            around_cut.push((rank - 1, matrix.value(rank - 1, bracket, PRECISION)?));
+        }
+        if let Some(values) = dropped {
+            around_cut.extend(values.iter().enumerate().map(|(k, value)| (rank + k, *value)).take(AROUND_CUT));
+        } else if rank < rows.min(columns) {
+            let bracket = if rank < low { (bottom, tolerance) } else { (LEAST * sigma_max, bottom) };
+            around_cut.push((rank, matrix.value(rank, bracket, ROUGHLY)?));
+        }
+        if deadline.passed() {
+            return None;
         }
         Some(Self {
             rank,
@@ -119,8 +134,8 @@ impl Spectrum {
 pub struct Regularity {
     pub a: Spectrum,
     pub aj: Spectrum,
-    /// Directions of length 1 that change neither constraints nor residuals to first order (n each): all of them, orthonormal, for small
-    /// problems; random ones for large.
+    /// Orthonormal directions that change neither constraints nor residuals to first order (n each): all of them, or, in large problems with
+    /// many, random ones.
     pub null_directions: Vec<Vec<f64>>,
 }
 
@@ -242,15 +257,17 @@ impl RankCounter {
         self.set(iterate, active);
         let (rows_a, rows_aj, n) = self.sizes(active.len());
         let [a, aj] = &mut self.spectra;
-        let a = Spectrum::counted(a, rows_a, n, rows_a, self.deadline)?;
-        let spectrum = Spectrum::counted(aj, rows_aj, n, n, self.deadline)?;
-        let mut null_directions = Vec::new();
-        for k in 0..if spectrum.deficiency > 0 { SAMPLED_DIRECTIONS } else { 0 } {
-            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(k);
-            let start: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
-            null_directions.extend(aj.null_vector(&start, spectrum.tolerance));
-        }
-        Some(Regularity { a, aj: spectrum, null_directions })
+        let a = Spectrum::counted(a, [rows_a; 2], n, None, self.deadline)?;
+        let cut = rank::tolerance(rows_aj, n, aj.sigma_max());
+        let deficiency = n - aj.count_above(cut)?;
+        let null_space = match deficiency {
+            0 => Vec::new(),
+            _ => aj.null_space(&self.stacked[1], cut, if deficiency <= FEW { deficiency } else { SAMPLED })?,
+        };
+        let (values, null_directions): (Vec<f64>, Vec<Vec<f64>>) = null_space.into_iter().unzip();
+        let all = (values.len() == deficiency).then_some(&values[..]);
+        let aj = Spectrum::counted(aj, [rows_aj, n], n, all, self.deadline)?;
+        Some(Regularity { a, aj, null_directions })
     }
 }
 

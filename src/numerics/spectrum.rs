@@ -12,6 +12,9 @@
 //! diagonal (Sylvester's law; [`StagedLdl`]). Nothing is squared: values down to about 1e-15 of the largest are told apart, as by a dense
 //! decomposition. Inverse iteration on the same factors gives vectors of the null space.
 
+use faer::{Mat, linalg::solvers::Qr};
+use rand::{RngExt, SeedableRng};
+
 use super::sparse::{Pattern, Sparse};
 use super::staged::StagedLdl;
 
@@ -26,6 +29,8 @@ pub struct StagedSpectrum {
     diagonal: Vec<usize>,
     factors: StagedLdl,
     sigma_max: f64,
+    /// The shift that is factorised, and the count there.
+    counted: Option<(f64, usize)>,
 }
 
 impl StagedSpectrum {
@@ -46,6 +51,7 @@ impl StagedSpectrum {
             factors: StagedLdl::new(&matrix, &stages, 0..0),
             matrix,
             sigma_max: 0.0,
+            counted: None,
         }
     }
 
@@ -53,6 +59,7 @@ impl StagedSpectrum {
     pub fn set(&mut self, m: &Sparse) {
         m.values.iter().zip(&self.slots).for_each(|(value, &slot)| self.matrix.values[slot] = *value);
         self.sigma_max = self.largest(m);
+        self.counted = None;
     }
 
     /// σ_max, by power iteration on MᵀM, to about one per cent or better.
@@ -87,13 +94,20 @@ impl StagedSpectrum {
 
     /// Number of singular values above `s` > 0. `None` if a value is not finite.
     pub fn count_above(&mut self, s: f64) -> Option<usize> {
+        if let Some((shift, count)) = self.counted
+            && shift == s
+        {
+            return Some(count);
+        }
+        self.counted = None;
         self.diagonal.iter().for_each(|&slot| self.matrix.values[slot] = -s);
-        Some(self.factors.factorise(&self.matrix.values)?.positive)
+        let count = self.factors.factorise(&self.matrix.values)?.positive;
+        self.counted = Some((s, count));
+        Some(count)
     }
 
-    /// The singular value with `index` (0 the largest), between `low` and `high`, to a relative `precision`.
-    pub fn value(&mut self, index: usize, low: f64, high: f64, precision: f64) -> Option<f64> {
-        let (mut low, mut high) = (low, high);
+    /// The singular value with `index` (0 the largest), which is between `low` and `high`, to a relative `precision`.
+    pub fn value(&mut self, index: usize, (mut low, mut high): (f64, f64), precision: f64) -> Option<f64> {
         while high > low * (1.0 + precision) {
             let middle = (low * high).sqrt();
             if self.count_above(middle)? > index { low = middle } else { high = middle }
@@ -101,35 +115,55 @@ impl StagedSpectrum {
         Some((low * high).sqrt())
     }
 
-    /// A vector of length 1 in the span of the right singular vectors with σ below `cut`, from a start vector; random starts give
-    /// random vectors of that space. `None` where there are none.
-    pub fn null_vector(&mut self, start: &[f64], cut: f64) -> Option<Vec<f64>> {
-        self.count_above(cut)?;
-        let mut x = start.to_vec();
-        x.resize(self.rows + self.columns, 0.0);
+    /// Orthonormal vectors of the space of the right singular vectors with σ ≤ `cut`, each with its singular value within the subspace, largest
+    /// first: `count` of them, or all there are, which are the singular vectors then. `m` is the matrix last set; one factorisation and
+    /// subspace iteration. `None` if they do not come out below the cut.
+    pub fn null_space(&mut self, m: &Sparse, cut: f64, count: usize) -> Option<Vec<(f64, Vec<f64>)>> {
+        let columns = self.columns;
+        let dimension = columns - self.count_above(cut)?;
+        // If all are wanted, a few more part them from what is just above the cut.
+        let (count, guards) = if count < dimension { (count, 0) } else { (dimension, GUARDS) };
+        let width = (count + guards).min(columns).min(self.rows);
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(0);
+        let mut basis = Mat::from_fn(columns, width, |_, _| rng.random_range(-1.0..1.0));
+        let mut x = vec![0.0; self.rows + columns];
         for _ in 0..INVERSE_ITERATIONS {
-            self.factors.solve(&mut x);
-            x[self.columns..].fill(0.0);
-            let norm = x.iter().map(|v| v * v).sum::<f64>().sqrt();
-            if !(norm.is_finite() && norm > 0.0) {
+            for k in 0..width {
+                (0..columns).for_each(|i| x[i] = basis[(i, k)]);
+                x[columns..].fill(0.0);
+                self.factors.solve(&mut x);
+                (0..columns).for_each(|i| basis[(i, k)] = x[i]);
+            }
+            if !basis.is_all_finite() {
                 return None;
             }
-            x.iter_mut().for_each(|v| *v /= norm);
+            basis = Qr::new(basis.as_ref()).compute_thin_Q();
         }
-        x.truncate(self.columns);
-        Some(x)
+        // Rayleigh and Ritz: the singular vectors of M within the subspace.
+        let mut image = Mat::zeros(self.rows, width);
+        let mut y = vec![0.0; self.rows];
+        for k in 0..width {
+            let column: Vec<f64> = (0..columns).map(|i| basis[(i, k)]).collect();
+            y.fill(0.0);
+            m.add_product(1.0, &column, &mut y);
+            (0..self.rows).for_each(|i| image[(i, k)] = y[i]);
+        }
+        let svd = Qr::new(image.as_ref()).thin_R().to_owned().svd().ok()?;
+        let (values, vectors) = (svd.S().column_vector(), &basis * svd.V());
+        let of = |k: usize| (values[k], (0..columns).map(|i| vectors[(i, k)]).collect());
+        let found: Vec<(f64, Vec<f64>)> = (width.saturating_sub(count)..width).map(of).collect();
+        found.iter().all(|(value, _)| *value <= cut).then_some(found)
     }
 }
 
 const POWER_ITERATIONS: usize = 200;
-const INVERSE_ITERATIONS: usize = 3;
+const INVERSE_ITERATIONS: usize = 4;
+const GUARDS: usize = 2;
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::numerics::rank;
-    use faer::Mat;
-    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn counts_values_and_null_vectors_agree_with_the_dense_decomposition() {
@@ -163,14 +197,21 @@ mod tests {
             assert!((spectrum.sigma_max() / svd.singular_values[0] - 1.0).abs() < 1e-2);
             assert_eq!(spectrum.count_above(svd.tolerance), Some(svd.rank));
             let last = svd.rank - 1;
-            let value = spectrum.value(last, svd.tolerance, svd.singular_values[0] * 1.01, 1e-6).unwrap();
+            let value = spectrum.value(last, (svd.tolerance, svd.singular_values[0] * 1.01), 1e-6).unwrap();
             assert!((value / svd.singular_values[last] - 1.0).abs() < 1e-5);
-            if svd.rank < columns {
-                let start: Vec<f64> = (0..columns).map(|_| rng.random_range(-1.0..1.0)).collect();
-                let x = spectrum.null_vector(&start, svd.tolerance).unwrap();
+            let null_space = spectrum.null_space(&m, svd.tolerance, columns).unwrap();
+            assert_eq!(null_space.len(), columns - svd.rank);
+            for (a, (value, x)) in null_space.iter().enumerate() {
                 let mut y = vec![0.0; rows];
-                m.add_product(1.0, &x, &mut y);
-                assert!(y.iter().all(|v| v.abs() < 1e-12), "{y:?}");
+                m.add_product(1.0, x, &mut y);
+                assert!(y.iter().all(|v| v.abs() < 1e-12) && *value < 1e-12, "{value}: {y:?}");
+                for (b, (_, other)) in null_space.iter().enumerate() {
+                    let product: f64 = x.iter().zip(other).map(|(x, o)| x * o).sum();
+                    assert!((product - f64::from(u8::from(a == b))).abs() < 1e-12);
+                }
+            }
+            if null_space.len() > 1 {
+                assert_eq!(spectrum.null_space(&m, svd.tolerance, 1).unwrap().len(), 1);
             }
         }
     }
