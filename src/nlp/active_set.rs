@@ -12,14 +12,16 @@ use crate::numerics::sparse::Sparse;
 const ROUNDS: usize = 12;
 /// A linear system solved worse than this (relative) is one of contradicting constraints.
 const ACCURACY: f64 = 1e-6;
-/// From this round on, more than so many wrong rows are too many.
-const PATIENCE: usize = 3;
+/// More than so many wrong rows are too many from this round on, or when a round does not halve them.
 const NEARLY: usize = 4;
+const PATIENCE: usize = 3;
 pub const SMALLEST_DAMPING: f64 = 1e-15;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Above this, guessing gives up: the convexified problem serves better.
 pub const EXACT_DAMPING: f64 = 1e-2;
 const RAISE: f64 = 5.0;
+/// δ that is right is taken where it is no more than this times one that is not: what lies between would cost more than it gains.
+const NEAR: f64 = 60.0;
 
 /// The step and multipliers of the sub-problem.
 #[derive(Clone, Debug)]
@@ -80,6 +82,7 @@ pub fn solve(
     }
     let mut solution = vec![0.0; kkt.order()];
     let mut factorisations = 0;
+    let mut last_wrong = usize::MAX;
     for round in 0..ROUNDS {
         let mut is_right = |damping: f64, kkt: &mut Kkt| {
             factorisations += 1;
@@ -93,16 +96,23 @@ pub fn solve(
             });
             inertia.is_some_and(|inertia| kkt.is_right(inertia))
         };
-        let mut has_tried_most = false;
-        while !is_right(*damping, kkt) {
+        if !is_right(*damping, kkt) {
             // Where the largest δ is not enough, none between is tried.
-            if !std::mem::replace(&mut has_tried_most, true) && !is_right(EXACT_DAMPING, kkt) {
+            if !is_right(EXACT_DAMPING, kkt) {
                 *damping = damping.max(RAISE * EXACT_DAMPING);
                 return Err(NoStep::Singular);
             }
-            raise(damping)?;
-            if *damping > EXACT_DAMPING {
-                return Err(NoStep::Singular);
+            if NEAR * *damping >= EXACT_DAMPING {
+                *damping = EXACT_DAMPING;
+            } else {
+                raise(damping)?;
+                while *damping < EXACT_DAMPING && !is_right(*damping, kkt) {
+                    raise(damping)?;
+                }
+                if *damping >= EXACT_DAMPING {
+                    *damping = EXACT_DAMPING;
+                    is_right(EXACT_DAMPING, kkt);
+                }
             }
         }
         let accuracy = kkt.solve(&right, &mut solution);
@@ -140,9 +150,10 @@ pub fn solve(
                 factorisations,
             });
         }
-        if round >= PATIENCE && worst.len() > NEARLY {
+        if worst.len() > NEARLY && (round >= PATIENCE || worst.len() > last_wrong / 2) {
             return Err(NoStep::Unsettled);
         }
+        last_wrong = worst.len();
         worst.iter().for_each(|&(_, row)| active[row] = !active[row]);
     }
     Err(NoStep::Unsettled)

@@ -13,7 +13,9 @@
 //! grows until it is. Degenerate active sets, on which guessing cycles, do it no harm.
 //!
 //! The first step only finds a start: taken in full, all slacks and all multipliers are then raised by what the lowest lacks, so that
-//! the residuals of the equalities are gone and no product s ν stands out. Afterwards each factorisation serves the predictor, the corrector
+//! the residuals of the equalities are gone and no product s ν stands out. From the second sub-problem on it begins where the last one ended
+//! ([`Interior`]), drawn back from the bounds by as much as is left of the KKT error, takes a few steps and leaves the rest to the next
+//! sub-problem: far from a solution a linearisation is not worth more. Each factorisation serves the predictor, the corrector
 //! and, while they make the step longer, a few more that bring the products s ν nearer to each other.
 //!
 //! Sources: S. Mehrotra, *SIAM J. Optim.* 2, 1992; J. Gondzio, *Comput. Optim. Appl.* 6, 1996.
@@ -39,6 +41,34 @@ const NEAR: (f64, f64) = (0.1, 10.0);
 /// The start: least slack, and multiplier in the gradient's size; how far the lowest comes above zero.
 const LEAST_SLACK: f64 = 1e-2;
 const RAISE: f64 = 1.1;
+/// Steps of one sub-problem.
+const STEPS: usize = 5;
+/// A start from the last sub-problem: its s ν is at least DRAWN_BACK E^1.5 in the gradient's size, E the KKT error, and a multiplier makes
+/// no product further from that than by the factor CENTRED.
+const DRAWN_BACK: f64 = 3e-2;
+const LEAST_PRODUCT: f64 = 1e-12;
+const CENTRED: f64 = 100.0;
+
+/// Where a sub-problem ended: slacks s and multipliers ν of the inequalities, all positive.
+#[derive(Clone, Debug)]
+pub struct Interior {
+    s: Vec<f64>,
+    nu: Vec<f64>,
+}
+
+impl Interior {
+    /// A start for the sub-problem at `here`, whose gradient is of the size `scale`.
+    fn start(&self, here: &Iterate, scale: f64) -> Self {
+        let error = here.kkt_error().largest().min(1.0);
+        let count = self.s.len().max(1) as f64;
+        let mean = self.s.iter().zip(&self.nu).map(|(s, nu)| s * nu).sum::<f64>() / count;
+        let mu = (DRAWN_BACK * error.powf(1.5) * scale).max(mean).max(LEAST_PRODUCT * scale);
+        let s: Vec<f64> =
+            self.s.iter().zip(&here.inequalities).map(|(s, b)| s.max(*b).max(0.1 * mu / scale)).collect();
+        let nu = self.nu.iter().zip(&s).map(|(nu, s)| nu.clamp(mu / (CENTRED * s), CENTRED * mu / s)).collect();
+        Self { s, nu }
+    }
+}
 
 /// How far to go, and how.
 #[derive(Clone, Copy, Debug)]
@@ -47,11 +77,12 @@ pub struct Manner {
     pub most: f64,
     /// Relative.
     pub tolerance: f64,
-    /// Without the start and without the further corrections.
+    /// Each sub-problem from its own start, to its end, without that first step and without the further corrections.
     pub is_plain: bool,
 }
 
-/// Solves the sub-problem at `here`; `damping` is raised as far as the inertia asks for, and left there.
+/// Solves the sub-problem at `here`, or takes [`STEPS`] steps towards its solution; `damping` is raised as far as the inertia asks for, and left
+/// there. `last`: where the last sub-problem ended, and then this one.
 pub fn solve(
     kkt: &mut Kkt,
     here: &Iterate,
@@ -59,16 +90,22 @@ pub fn solve(
     metric: &Sparse,
     damping: &mut f64,
     Manner { most, tolerance, is_plain }: Manner,
+    last: &mut Option<Interior>,
 ) -> Result<Step, NoStep> {
     let (n, me, mi) = (here.x.len(), here.equalities.len(), here.inequalities.len());
     let largest = |values: &[f64]| values.iter().fold(0.0f64, |a, v| a.max(v.abs()));
     let scale = largest(&here.gradient).max(1e-6);
     let mut d = vec![0.0; n];
     let mut lambda = here.equality_multipliers.clone();
-    let mut s: Vec<f64> = here.inequalities.iter().map(|b| b.max(LEAST_SLACK)).collect();
-    let mut nu: Vec<f64> = here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect();
+    let start = last.as_ref().filter(|_| !is_plain).map(|last| last.start(here, scale));
+    let mut has_begun = is_plain || start.is_some();
+    let Interior { mut s, mut nu } = start.unwrap_or_else(|| Interior {
+        s: here.inequalities.iter().map(|b| b.max(LEAST_SLACK)).collect(),
+        nu: here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect(),
+    });
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
-    let (mut has_begun, corrections) = if is_plain { (true, 0) } else { (false, CORRECTIONS) };
+    let (corrections, steps) = if is_plain { (0, ITERATIONS) } else { (CORRECTIONS, STEPS) };
+    let mut taken = 0;
     let mut weights = vec![0.0; mi];
     for factorisations in 0..ITERATIONS {
         // Residuals of the optimality conditions.
@@ -86,9 +123,11 @@ pub fn solve(
             && largest(&primal) <= tolerance
             && largest(&slack) <= tolerance
             && mu <= tolerance * scale * 1e-2;
-        if done {
+        if done || taken == steps {
+            let active = s.iter().zip(&nu).map(|(s, nu)| s * scale < *nu).collect();
+            *last = Some(Interior { s, nu: nu.clone() });
             return Ok(Step {
-                active: s.iter().zip(&nu).map(|(s, nu)| s * scale < *nu).collect(),
+                active,
                 direction: d,
                 equality_multipliers: lambda,
                 inequality_multipliers: nu,
@@ -165,6 +204,7 @@ pub fn solve(
         lambda.iter_mut().zip(&solution[n..n + me]).for_each(|(x, dx)| *x += alpha * dx);
         s.iter_mut().zip(&ds).for_each(|(x, dx)| *x += alpha * dx);
         nu.iter_mut().zip(&dnu).for_each(|(x, dx)| *x += alpha * dx);
+        taken += 1;
     }
     Err(NoStep::Unsettled)
 }

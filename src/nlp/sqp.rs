@@ -3,9 +3,9 @@
 //! ```text
 //! repeat
 //!     sub-problem   min ∇fᵀ d + ½ dᵀ (H + δ D) d   s.t.  c + A d = 0,  d(x) + B d ≥ 0
-//!                   1. H = ∇²L, by its active set, from the last one (active_set)
-//!                   2. where that does not settle: H = ∇²L, by an interior point (interior_point)
-//!                   3. where that needs a large δ: H = ∇²L without its negative curvature, likewise
+//!                   1. H = ∇²L, by its active set, from the last one, if that has settled (active_set)
+//!                   2. else: H = ∇²L, by an interior point that goes on where the last one ended (interior_point)
+//!                   3. where that needs a large δ: H = ∇²L without its negative curvature, likewise, until the active set settles
 //!                   4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (qp)
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
@@ -20,13 +20,13 @@
 //!
 //! Why the leap: the force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its
 //! optimum at infinite fibre velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries up to 64 times the step,
-//! corrected by three more steps on the optimality conditions with the same factorisation, and is kept if it lowers the KKT error at no
+//! corrected by up to three more steps on the optimality conditions with the same factorisation, and is kept if it lowers the KKT error at no
 //! loss. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
 
 use super::active_set::{self, EXACT_DAMPING, SMALLEST_DAMPING, Step};
 use super::deadline::Deadline;
 use super::filter::{Filter, Verdict};
-use super::interior_point::{self, Manner};
+use super::interior_point::{self, Interior, Manner};
 use super::iterate::{Iterate, KktError};
 use super::kkt::{Inertia, Kkt, KktValues, Rows};
 use super::problem::{Curvature, Multipliers, Problem};
@@ -137,6 +137,10 @@ const LONGEST_LEAP: f64 = 64.0;
 const MOST: f64 = 3e-3;
 const RAISE_MOST: f64 = 5.0;
 const CREEPING: f64 = 0.9;
+/// An active set that has changed by no more rows than these has settled.
+const NEARLY: usize = 2;
+/// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
+const PER_ERROR: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 1e-3;
 const RESTORATIONS: usize = 60;
@@ -175,6 +179,10 @@ struct Sqp<'p> {
     most: f64,
     /// Whether the last sub-problem was that of the convexified Hessian.
     convexified: bool,
+    /// Whether the last interior point ended with much the same active set as the sub-problem before.
+    is_settled: bool,
+    /// Where the last interior point ended.
+    interior: Option<Interior>,
     /// Whether the interior point is the plain one.
     is_plain: bool,
     factorisations: usize,
@@ -241,6 +249,8 @@ impl<'p> Sqp<'p> {
             curved: false,
             most: MOST,
             convexified: false,
+            is_settled: true,
+            interior: None,
             is_plain,
             factorisations: 0,
         }
@@ -366,9 +376,11 @@ impl Sqp<'_> {
 
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
-        let mut hopeless = std::mem::take(&mut self.convexified) && self.is_too_curved(damping.max(EXACT_DAMPING));
+        // What had to be convexified is so until the active set settles; then it is asked again.
+        let was_convexified = std::mem::take(&mut self.convexified);
+        let mut hopeless = was_convexified && (!self.is_settled || self.is_too_curved(damping.max(EXACT_DAMPING)));
         if let Some(guess) = &self.active {
-            if !hopeless {
+            if !hopeless && self.is_settled {
                 let mut exact = *damping;
                 let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
                 if let Ok(step) = found {
@@ -379,10 +391,11 @@ impl Sqp<'_> {
                 hopeless = exact > self.most.max(EXACT_DAMPING);
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
-            // Hessian if little δ makes it positive definite, else with the convex one.
+            // Hessian if little δ makes it positive definite, else with the convex one, no finer than that model deserves.
+            let coarse = (PER_ERROR * self.here.kkt_error().largest()).clamp(interior_point::COARSE, PER_ERROR);
             let ways = [
                 (Curvature::Exact, self.most, interior_point::FINE),
-                (Curvature::Convex, f64::INFINITY, interior_point::COARSE),
+                (Curvature::Convex, f64::INFINITY, if self.is_plain { interior_point::COARSE } else { coarse }),
             ];
             for (curvature, most, tolerance) in ways.into_iter().skip(usize::from(hopeless)) {
                 let hessian = match curvature {
@@ -395,13 +408,14 @@ impl Sqp<'_> {
                 };
                 let mut delta = *damping;
                 let manner = Manner { most, tolerance, is_plain: self.is_plain };
-                let found = interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, manner);
+                let interior = &mut self.interior;
+                let found =
+                    interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, manner, interior);
                 let Ok(mut step) = found else { continue };
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = *damping;
                 if delta > less && curvature == Curvature::Exact {
-                    let guess = &step.active;
-                    let found = active_set::solve(self.kkt, &self.here, hessian, &self.metric, &mut less, guess);
+                    let found = active_set::solve(self.kkt, &self.here, hessian, &self.metric, &mut less, &step.active);
                     if let Ok(better) = found
                         && less < delta
                     {
@@ -410,6 +424,8 @@ impl Sqp<'_> {
                     }
                 }
                 self.factorisations += step.factorisations;
+                let changed = step.active.iter().zip(guess).filter(|(now, before)| now != before).count();
+                self.is_settled = self.is_plain || changed <= NEARLY;
                 self.convexified = curvature == Curvature::Convex;
                 *damping = delta;
                 return Ok(step);
@@ -419,7 +435,9 @@ impl Sqp<'_> {
         let delta = damping.clamp(CONVEX_DAMPING.0, CONVEX_DAMPING.1);
         let manner = Manner { most: delta, tolerance: interior_point::COARSE, is_plain: self.is_plain };
         let mut same = delta;
-        let found = interior_point::solve(self.kkt, &self.here, &self.gauss_newton, &self.metric, &mut same, manner);
+        let (kkt, interior) = (&mut *self.kkt, &mut self.interior);
+        let found =
+            interior_point::solve(kkt, &self.here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
         if let Ok(step) = found {
             self.factorisations += step.factorisations;
             return Ok(step);
@@ -568,10 +586,14 @@ impl Sqp<'_> {
             there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
             there.evaluate(self.problem);
             there.differentiate(self.problem);
+            let mut error = f64::INFINITY;
             for _ in 0..3 {
                 self.simplified_step(&mut there, &step.active);
+                let before = std::mem::replace(&mut error, there.kkt_error().largest());
+                if error > 0.5 * before || error <= self.settings.target {
+                    break;
+                }
             }
-            let error = there.kkt_error().largest();
             if error < much_less && there.objective <= no_worse.0 && there.violation() <= no_worse.1 {
                 tried.push((error, there));
                 if error <= self.settings.target {
@@ -710,7 +732,7 @@ impl Sqp<'_> {
         }
         self.here.equality_multipliers.fill(0.0);
         self.here.inequality_multipliers.fill(0.0);
-        self.active = None;
+        (self.active, self.interior) = (None, None);
         self.damping = FIRST_DAMPING;
         Ok(())
     }
