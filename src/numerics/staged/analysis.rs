@@ -1,5 +1,6 @@
 //! The fronts of a pattern, in the order in which they are eliminated.
 
+use std::collections::HashMap;
 use std::ops::Range;
 
 use crate::numerics::sparse::Sparse;
@@ -44,7 +45,7 @@ pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>) -> Vec<
         stages[stage[i]].own.push(i);
         stages[met[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
     }
-    let mut analysis = Analysis { degree, met, equations, group: vec![None; order] };
+    let mut analysis = Analysis { degree, met, equations, group: vec![None; order], best: HashMap::new() };
     let parted: Vec<Vec<Pattern>> = stages
         .into_iter()
         .zip(by_stage)
@@ -91,21 +92,28 @@ struct Analysis {
     equations: Range<usize>,
     /// Its group, if it belongs to one, while its stage is looked at.
     group: Vec<Option<usize>>,
+    /// How few neighbours were best (none: a stage in one) in stages of so many own unknowns, border unknowns and entries with these degrees.
+    best: HashMap<(usize, usize, usize, Vec<usize>), Option<usize>>,
 }
 
 impl Analysis {
     /// Parts a stage into fronts of groups and, last, that of the rest: unknowns that no earlier stage has met and that have few
-    /// neighbours, in groups that nothing couples to one another. How few is chosen by the work that is left.
+    /// neighbours, in groups that nothing couples to one another. How few is chosen by the work that is left, once for all stages alike.
     fn part(&mut self, s: usize, stage: &Pattern) -> Vec<Pattern> {
         let mut limits: Vec<usize> = stage.own.iter().filter(|&&i| self.met[i] == s).map(|&i| self.degree[i]).collect();
         limits.dedup();
-        let mut best = vec![stage.clone()];
-        for limit in limits {
+        let kind = (stage.own.len(), stage.border.len(), stage.entries.len(), limits);
+        if let Some(&limit) = self.best.get(&kind) {
+            return limit.map_or_else(|| vec![stage.clone()], |limit| self.parted(s, stage, limit));
+        }
+        let (mut best, mut chosen) = (vec![stage.clone()], None);
+        for &limit in &kind.3 {
             let parts = self.parted(s, stage, limit);
             if work(&parts) < work(&best) {
-                best = parts;
+                (best, chosen) = (parts, Some(limit));
             }
         }
+        self.best.insert(kind, chosen);
         best
     }
 
