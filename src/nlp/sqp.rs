@@ -575,7 +575,7 @@ impl Sqp<'_> {
         trial.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
         trial.differentiate(self.problem);
         let much_less = 0.7 * trial.kkt_error().largest();
-        let no_worse = (trial.objective + 1e-9 * trial.objective.abs(), trial.violation().max(self.settings.tolerance));
+        let no_worse = (trial.objective + 1e-13 * trial.objective.abs(), trial.violation().max(self.settings.tolerance));
         let mut tried: Vec<(f64, Iterate)> = Vec::new();
         // With f ~ k/v the error falls as 1/v² and Newton's step is v/2: no further out than it takes.
         let reach = 2.0 * (error.largest() / self.settings.target).sqrt();
