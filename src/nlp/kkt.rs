@@ -46,6 +46,8 @@ pub struct Kkt {
     factors: StagedLdl,
     /// Once this has passed nothing is factorised any more.
     pub deadline: Deadline,
+    /// How many there have been.
+    pub factorisations: usize,
     residual: Vec<f64>,
     correction: Vec<f64>,
 }
@@ -108,6 +110,7 @@ impl Kkt {
             factors: StagedLdl::new(&matrix, &stage, n..n + me),
             matrix,
             deadline: Deadline::default(),
+            factorisations: 0,
             residual: vec![0.0; order],
             correction: vec![0.0; order],
         }
@@ -122,6 +125,7 @@ impl Kkt {
         if self.deadline.passed() {
             return None;
         }
+        self.factorisations += 1;
         let (n, me) = (self.variables, self.equalities);
         let matrix = &mut self.matrix.values;
         matrix.fill(0.0);

@@ -101,6 +101,7 @@ pub struct SqpOutcome {
     pub iterate: Iterate,
     /// One record for each point visited, the last being `iterate`.
     pub trace: Vec<Record>,
+    /// Of the KKT matrix, those in vain too.
     pub factorisations: usize,
 }
 
@@ -185,7 +186,8 @@ struct Sqp<'p> {
     interior: Option<Interior>,
     /// Whether the interior point is the plain one.
     is_plain: bool,
-    factorisations: usize,
+    /// Factorisations before this solve.
+    factorised: usize,
 }
 
 /// Solves `problem` from `start`. Deterministic, one thread.
@@ -219,6 +221,7 @@ pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>,
 impl<'p> Sqp<'p> {
     fn new(kkt: &'p mut Kkt, problem: &'p dyn Problem, start: Start, settings: SqpSettings, is_plain: bool) -> Self {
         let Start { x: start, multipliers } = start;
+        let factorised = kkt.factorisations;
         let [_, _, pattern] = problem.patterns();
         let mut gauss_newton = pattern.clone();
         let (no_lambda, no_nu) = (vec![0.0; problem.equalities()], vec![0.0; problem.inequalities()]);
@@ -252,7 +255,7 @@ impl<'p> Sqp<'p> {
             is_settled: true,
             interior: None,
             is_plain,
-            factorisations: 0,
+            factorised,
         }
     }
 }
@@ -295,7 +298,8 @@ impl Sqp<'_> {
                 qp_iterations: 0,
             });
         }
-        SqpOutcome { status, iterate: self.here, trace, factorisations: self.factorisations }
+        let factorisations = self.kkt.factorisations - self.factorised;
+        SqpOutcome { status, iterate: self.here, trace, factorisations }
     }
 
     fn is_over(&self, error: KktError, iteration: usize, creeps: bool) -> Option<SqpStatus> {
@@ -384,7 +388,6 @@ impl Sqp<'_> {
                 let mut exact = *damping;
                 let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
                 if let Ok(step) = found {
-                    self.factorisations += step.factorisations;
                     *damping = exact;
                     return Ok(step);
                 }
@@ -419,11 +422,9 @@ impl Sqp<'_> {
                     if let Ok(better) = found
                         && less < delta
                     {
-                        self.factorisations += step.factorisations;
                         (step, delta) = (better, less);
                     }
                 }
-                self.factorisations += step.factorisations;
                 let changed = step.active.iter().zip(guess).filter(|(now, before)| now != before).count();
                 self.is_settled = self.is_plain || changed <= NEARLY;
                 self.convexified = curvature == Curvature::Convex;
@@ -439,7 +440,6 @@ impl Sqp<'_> {
         let found =
             interior_point::solve(kkt, &self.here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
         if let Ok(step) = found {
-            self.factorisations += step.factorisations;
             return Ok(step);
         }
         let mut hessian = self.gauss_newton.clone();
@@ -468,7 +468,6 @@ impl Sqp<'_> {
 
     /// Factorises the exact Hessian here with damping δ, the `active` rows as equations.
     fn factorise(&mut self, damping: f64, active: &[bool]) -> Option<Inertia> {
-        self.factorisations += 1;
         self.kkt.factorise(&KktValues {
             hessian: &self.hessian,
             metric: &self.metric,
@@ -575,7 +574,8 @@ impl Sqp<'_> {
         trial.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
         trial.differentiate(self.problem);
         let much_less = 0.7 * trial.kkt_error().largest();
-        let no_worse = (trial.objective + 1e-13 * trial.objective.abs(), trial.violation().max(self.settings.tolerance));
+        let no_worse =
+            (trial.objective + 1e-13 * trial.objective.abs(), trial.violation().max(self.settings.tolerance));
         let mut tried: Vec<(f64, Iterate)> = Vec::new();
         // With f ~ k/v the error falls as 1/v² and Newton's step is v/2: no further out than it takes.
         let reach = 2.0 * (error.largest() / self.settings.target).sqrt();

@@ -1,0 +1,114 @@
+//! What the solves of a study cost in units of their own problems: one KKT factorisation and one evaluation of all first and second
+//! derivatives, both at the start guess.
+//!
+//! `cargo bench --bench cost -- STUDY [every so many jobs]`, such as `-- studies/table1.toml` or `-- studies/robustness.toml 4`. One thread.
+
+use std::hint::black_box;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant as Clock;
+
+use sinew::guess::start_guess;
+use sinew::nlp::iterate::Iterate;
+use sinew::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::nlp::problem::{Curvature, Problem};
+use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
+use sinew::solve::{discretise, disturb, motion_settings, transcribe};
+use sinew::study::settings::Scheme;
+use sinew::study::{Job, Study};
+
+/// What one solve took.
+struct Cost {
+    scheme: Scheme,
+    converged: bool,
+    iterations: usize,
+    factorisations: usize,
+    seconds: f64,
+    /// In the units of the module.
+    units: f64,
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let path = arguments.first().map_or("studies/table1.toml", String::as_str);
+    let every = arguments.get(1).and_then(|every| every.parse().ok()).unwrap_or(1);
+    let study = Study::load(Path::new(path)).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)));
+    let costs: Vec<Cost> = study.jobs.iter().step_by(every).filter_map(|job| cost(&study, job)).collect();
+    for (name, scheme) in [("midpoint", Some(Scheme::Midpoint)), ("radau", Some(Scheme::Radau)), ("all", None)] {
+        let of = || costs.iter().filter(|cost| scheme.is_none_or(|scheme| scheme == cost.scheme));
+        if of().next().is_none() {
+            continue;
+        }
+        println!(
+            "{name}: {} of {} converged; medians: {:.0} iterations, {:.0} factorisations, {:.1} ms, {:.0} units; {:.1} s in all",
+            of().filter(|cost| cost.converged).count(),
+            of().count(),
+            median(of().map(|cost| cost.iterations as f64)),
+            median(of().map(|cost| cost.factorisations as f64)),
+            1e3 * median(of().map(|cost| cost.seconds)),
+            median(of().map(|cost| cost.units)),
+            of().map(|cost| cost.seconds).sum::<f64>(),
+        );
+    }
+}
+
+/// The solve of a job; `None` where it has no measurement or start guess.
+fn cost(study: &Study, job: &Job) -> Option<Cost> {
+    let (settings, points) = (&job.settings, job.points);
+    let model = study.model_of(job).ok()?;
+    let motion = motion_settings(settings);
+    let measurement = motion.measure(&study.motion, &model, points).ok()?;
+    let (instant, scheme) = discretise(&model, settings, points, study.motion.duration() * settings.time_scale);
+    let instant = instant.within(Arc::new(motion.surroundings(&study.motion, &model)));
+    let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
+    let guess = start_guess(&instant, scheme.as_ref(), points, &measurement)?;
+    let guess = disturb(&guess, scheme.as_ref(), &model, settings.seed, settings.first_start);
+
+    let mut kkt = Kkt::new(&problem);
+    let mut here = Iterate::new(&problem, guess.clone());
+    let [mut hessian, mut metric] = [0, 1].map(|_| problem.patterns()[2].clone());
+    problem.metric(&here.x, &mut metric);
+    let evaluation = fastest(|| {
+        here.evaluate(&problem);
+        here.differentiate(&problem);
+        problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
+    });
+    let active = vec![false; here.inequalities.len()];
+    let values = KktValues {
+        hessian: &hessian,
+        metric: &metric,
+        damping: 1e-2,
+        equalities: &here.equality_jacobian,
+        inequalities: &here.inequality_jacobian,
+        rows: Rows::Active(&active),
+    };
+    let factorisation = fastest(|| black_box(kkt.factorise(&values)));
+
+    let clock = Clock::now();
+    let outcome = sqp::solve_with(&mut kkt, &problem, guess, SqpSettings::default());
+    let seconds = clock.elapsed().as_secs_f64();
+    Some(Cost {
+        scheme: settings.scheme,
+        converged: outcome.status == SqpStatus::Converged,
+        iterations: outcome.iterations(),
+        factorisations: outcome.factorisations,
+        seconds,
+        units: seconds / (factorisation + evaluation),
+    })
+}
+
+/// Seconds of the fastest of five runs.
+fn fastest<T>(mut run: impl FnMut() -> T) -> f64 {
+    let timed = |_| {
+        let clock = Clock::now();
+        run();
+        clock.elapsed().as_secs_f64()
+    };
+    (0..5).map(timed).fold(f64::INFINITY, f64::min)
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
