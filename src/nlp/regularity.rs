@@ -34,7 +34,7 @@ const ROUGHLY: f64 = 1.0;
 /// Below this share of σ_max no singular value is looked for.
 const LEAST: f64 = 1e-18;
 /// Up to so many null directions are found all; else so many random ones.
-const FEW: usize = 8;
+const FEW: usize = 24;
 const SAMPLED: usize = 3;
 
 /// Rank of one of the two matrices, and its spectrum near the cut.
