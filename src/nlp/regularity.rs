@@ -67,8 +67,8 @@ impl Spectrum {
         }
     }
 
-    /// By counting. `m` is the matrix last set, of which `rows` count; `full` is its rank without deficiency. `dropped`: the singular values
-    /// at or below the tolerance, largest first, if they are known.
+    /// By counting. `rows` of the matrix are not left at zero; `full` is its rank without deficiency. `dropped`: the singular values at or
+    /// below the tolerance, largest first, if they are known.
     fn counted(
         matrix: &mut StagedSpectrum,
         [rows, full]: [usize; 2],
@@ -265,8 +265,8 @@ impl RankCounter {
             _ => aj.null_space(&self.stacked[1], cut, if deficiency <= FEW { deficiency } else { SAMPLED })?,
         };
         let (values, null_directions): (Vec<f64>, Vec<Vec<f64>>) = null_space.into_iter().unzip();
-        let all = (values.len() == deficiency).then_some(&values[..]);
-        let aj = Spectrum::counted(aj, [rows_aj, n], n, all, self.deadline)?;
+        let is_known = values.len() == deficiency && values.iter().all(|value| *value <= cut);
+        let aj = Spectrum::counted(aj, [rows_aj, n], n, is_known.then_some(&values[..]), self.deadline)?;
         Some(Regularity { a, aj, null_directions })
     }
 }

@@ -117,7 +117,7 @@ impl StagedSpectrum {
 
     /// Orthonormal vectors of the space of the right singular vectors with σ ≤ `cut`, each with its singular value within the subspace, largest
     /// first: `count` of them, or all there are, which are the singular vectors then. `m` is the matrix last set; one factorisation and
-    /// subspace iteration. `None` if they do not come out below the cut.
+    /// subspace iteration. A value above the cut says that it has not got there. `None` if a value is not finite.
     pub fn null_space(&mut self, m: &Sparse, cut: f64, count: usize) -> Option<Vec<(f64, Vec<f64>)>> {
         let columns = self.columns;
         let dimension = columns - self.count_above(cut)?;
@@ -151,8 +151,7 @@ impl StagedSpectrum {
         let svd = Qr::new(image.as_ref()).thin_R().to_owned().svd().ok()?;
         let (values, vectors) = (svd.S().column_vector(), &basis * svd.V());
         let of = |k: usize| (values[k], (0..columns).map(|i| vectors[(i, k)]).collect());
-        let found: Vec<(f64, Vec<f64>)> = (width.saturating_sub(count)..width).map(of).collect();
-        found.iter().all(|(value, _)| *value <= cut).then_some(found)
+        Some((width.saturating_sub(count)..width).map(of).collect())
     }
 }
 
