@@ -64,7 +64,7 @@ impl Interior {
         let mean = self.s.iter().zip(&self.nu).map(|(s, nu)| s * nu).sum::<f64>() / count;
         let mu = (DRAWN_BACK * error.powf(1.5) * scale).max(mean).max(LEAST_PRODUCT * scale);
         let s: Vec<f64> = self.s.iter().zip(&here.inequalities).map(|(s, b)| s.max(*b).max(0.1 * mu / scale)).collect();
-        let nu = self.nu.iter().zip(&s).map(|(nu, s)| nu.clamp(mu / (CENTRED * s), CENTRED * mu / s)).collect();
+        let nu = self.nu.iter().zip(&s).map(|(nu, s)| nu.max(mu / (CENTRED * s)).min(CENTRED * mu / s)).collect();
         Self { s, nu }
     }
 }
