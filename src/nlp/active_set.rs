@@ -12,9 +12,12 @@ use crate::numerics::sparse::Sparse;
 const ROUNDS: usize = 12;
 /// A linear system solved worse than this (relative) is one of contradicting constraints.
 const ACCURACY: f64 = 1e-6;
-/// More than so many wrong rows are too many from this round on, or when a round does not halve them.
+/// More wrong rows than these, one of so many, are too many from this round on, or when a round does not halve them; and at first one of so
+/// many.
 const NEARLY: usize = 4;
+const FEW: usize = 200;
 const PATIENCE: usize = 3;
+const MANY: usize = 10;
 pub const SMALLEST_DAMPING: f64 = 1e-15;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Above this, guessing gives up: the convexified problem serves better.
@@ -58,7 +61,7 @@ pub fn raise(damping: &mut f64) -> Result<(), NoStep> {
     if *damping > LARGEST_DAMPING { Err(NoStep::Singular) } else { Ok(()) }
 }
 
-/// Solves the sub-problem at `here` from the guess `active`. `damping` is raised as far as the inertia asks for and
+/// Solves the sub-problem at `here` from the guess `active`. `damping` is raised as far as the inertia asks for, to no more than `most`, and
 /// left there for the caller.
 pub fn solve(
     kkt: &mut Kkt,
@@ -66,95 +69,118 @@ pub fn solve(
     hessian: &Sparse,
     metric: &Sparse,
     damping: &mut f64,
+    most: f64,
     active: &[bool],
 ) -> Result<Step, NoStep> {
-    let (n, me) = (here.x.len(), here.equalities.len());
-    let mut active = active.to_vec();
-    let mut right = vec![0.0; kkt.order()];
-    for i in 0..n {
-        right[i] = -here.gradient[i];
-    }
-    for i in 0..me {
-        right[n + i] = -here.equalities[i];
-    }
-    for i in 0..active.len() {
-        right[n + me + i] = -here.inequalities[i];
-    }
-    let mut solution = vec![0.0; kkt.order()];
-    let mut factorisations = 0;
-    let mut last_wrong = usize::MAX;
+    let mut guess = Guess::new(kkt, here, hessian, metric, active);
+    let nearly = NEARLY.max(active.len() / FEW);
+    let mut allowed = nearly.max(active.len() / MANY);
     for round in 0..ROUNDS {
-        let mut is_right = |damping: f64, kkt: &mut Kkt| {
-            factorisations += 1;
-            let inertia = kkt.factorise(&KktValues {
-                hessian,
-                metric,
-                damping,
-                equalities: &here.equality_jacobian,
-                inequalities: &here.inequality_jacobian,
-                rows: Rows::Active(&active),
-            });
-            inertia.is_some_and(|inertia| kkt.is_right(inertia))
-        };
-        if !is_right(*damping, kkt) {
-            // Where the largest δ is not enough, none between is tried.
-            if !is_right(EXACT_DAMPING, kkt) {
-                *damping = damping.max(RAISE * EXACT_DAMPING);
+        if !guess.is_right(*damping) {
+            // Where the largest δ is not enough, or its step belongs to quite another active set, none between is tried.
+            if *damping >= most || !guess.is_right(most) {
+                *damping = damping.max(RAISE * most);
                 return Err(NoStep::Singular);
             }
-            if NEAR * *damping >= EXACT_DAMPING {
-                *damping = EXACT_DAMPING;
+            if NEAR * *damping >= most {
+                *damping = most;
+            } else if guess.wrong_rows()?.len() > allowed {
+                return Err(NoStep::Unsettled);
             } else {
-                raise(damping)?;
-                while *damping < EXACT_DAMPING && !is_right(*damping, kkt) {
-                    raise(damping)?;
-                }
-                if *damping >= EXACT_DAMPING {
-                    *damping = EXACT_DAMPING;
-                    is_right(EXACT_DAMPING, kkt);
-                }
+                guess.raise(damping, most)?;
             }
         }
-        let accuracy = kkt.solve(&right, &mut solution);
-        let consistent = accuracy <= ACCURACY;
-        if !consistent && kkt.solve_regularised(&right, &mut solution).is_nan() {
-            return Err(NoStep::Singular);
+        let wrong = guess.wrong_rows()?;
+        if wrong.is_empty() {
+            return Ok(guess.step());
         }
-        let (direction, multipliers) = (&solution[..n], &solution[n + me..]);
-        let mut slack = here.inequalities.clone();
-        here.inequality_jacobian.add_product(1.0, direction, &mut slack);
-        let scale = multipliers.iter().map(|y| y.abs()).fold(0.0, f64::max);
-        // Positive: how wrong the guess is for this row.
-        let wrong = |row: usize| match active[row] {
-            true => multipliers[row] / scale.max(1e-300) - 1e-10,
-            // Nothing joins rows that already contradict each other.
-            false if consistent => -slack[row] - 1e-10,
-            false => 0.0,
-        };
-        let worst: Vec<(f64, usize)> =
-            (0..active.len()).map(|row| (wrong(row), row)).filter(|(by, _)| *by > 0.0).collect();
-        if worst.is_empty() && !consistent {
-            return Err(NoStep::Singular);
-        }
-        if worst.is_empty() {
-            return Ok(Step {
-                direction: direction.to_vec(),
-                equality_multipliers: solution[n..n + me].to_vec(),
-                inequality_multipliers: multipliers
-                    .iter()
-                    .zip(&active)
-                    .map(|(y, &a)| if a { -y } else { 0.0 })
-                    .collect(),
-                active,
-                qp_iterations: 0,
-                factorisations,
-            });
-        }
-        if worst.len() > NEARLY && (round >= PATIENCE || worst.len() > last_wrong / 2) {
+        if wrong.len() > allowed || wrong.len() > nearly && round >= PATIENCE {
             return Err(NoStep::Unsettled);
         }
-        last_wrong = worst.len();
-        worst.iter().for_each(|&(_, row)| active[row] = !active[row]);
+        allowed = nearly.max(wrong.len() / 2);
+        wrong.into_iter().for_each(|row| guess.active[row] = !guess.active[row]);
     }
     Err(NoStep::Unsettled)
+}
+
+/// An active set and the solution that goes with it.
+struct Guess<'a> {
+    kkt: &'a mut Kkt,
+    here: &'a Iterate,
+    hessian: &'a Sparse,
+    metric: &'a Sparse,
+    active: Vec<bool>,
+    right: Vec<f64>,
+    /// d, λ, −ν
+    solution: Vec<f64>,
+    factorisations: usize,
+}
+
+impl<'a> Guess<'a> {
+    fn new(kkt: &'a mut Kkt, here: &'a Iterate, hessian: &'a Sparse, metric: &'a Sparse, active: &[bool]) -> Self {
+        let right = [&here.gradient, &here.equalities, &here.inequalities].into_iter().flatten().map(|v| -v).collect();
+        let solution = vec![0.0; kkt.order()];
+        Self { kkt, here, hessian, metric, active: active.to_vec(), right, solution, factorisations: 0 }
+    }
+
+    /// Factorises; whether H + δ D is positive definite where the active constraints vanish.
+    fn is_right(&mut self, damping: f64) -> bool {
+        self.factorisations += 1;
+        let inertia = self.kkt.factorise(&KktValues {
+            hessian: self.hessian,
+            metric: self.metric,
+            damping,
+            equalities: &self.here.equality_jacobian,
+            inequalities: &self.here.inequality_jacobian,
+            rows: Rows::Active(&self.active),
+        });
+        inertia.is_some_and(|inertia| self.kkt.is_right(inertia))
+    }
+
+    /// Raises δ until it is right, to `most` without asking.
+    fn raise(&mut self, damping: &mut f64, most: f64) -> Result<(), NoStep> {
+        raise(damping)?;
+        while *damping < most && !self.is_right(*damping) {
+            raise(damping)?;
+        }
+        if *damping >= most {
+            *damping = most;
+            self.is_right(most);
+        }
+        Ok(())
+    }
+
+    /// Solves with the last factorisation; the rows for which the guess is wrong.
+    fn wrong_rows(&mut self) -> Result<Vec<usize>, NoStep> {
+        let consistent = self.kkt.solve(&self.right, &mut self.solution) <= ACCURACY;
+        if !consistent && self.kkt.solve_regularised(&self.right, &mut self.solution).is_nan() {
+            return Err(NoStep::Singular);
+        }
+        let n = self.here.x.len();
+        let multipliers = &self.solution[n + self.here.equalities.len()..];
+        let mut slack = self.here.inequalities.clone();
+        self.here.inequality_jacobian.add_product(1.0, &self.solution[..n], &mut slack);
+        let scale = multipliers.iter().map(|y| y.abs()).fold(1e-300, f64::max);
+        let is_wrong = |&row: &usize| match self.active[row] {
+            true => multipliers[row] / scale > 1e-10,
+            // Nothing joins rows that already contradict each other.
+            false => consistent && slack[row] < -1e-10,
+        };
+        let wrong: Vec<usize> = (0..self.active.len()).filter(is_wrong).collect();
+        if wrong.is_empty() && !consistent { Err(NoStep::Singular) } else { Ok(wrong) }
+    }
+
+    fn step(self) -> Step {
+        let (direction, multipliers) = self.solution.split_at(self.here.x.len());
+        let (lambda, minus_nu) = multipliers.split_at(self.here.equalities.len());
+        let of_active = |(y, active): (&f64, &bool)| if *active { -y } else { 0.0 };
+        Step {
+            direction: direction.to_vec(),
+            equality_multipliers: lambda.to_vec(),
+            inequality_multipliers: minus_nu.iter().zip(&self.active).map(of_active).collect(),
+            active: self.active,
+            qp_iterations: 0,
+            factorisations: self.factorisations,
+        }
+    }
 }

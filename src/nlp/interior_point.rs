@@ -104,7 +104,7 @@ pub fn solve(
     });
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
     let (corrections, steps) = if is_plain { (0, ITERATIONS) } else { (CORRECTIONS, STEPS) };
-    let mut taken = 0;
+    let (mut taken, mut has_asked) = (0, false);
     let mut weights = vec![0.0; mi];
     for factorisations in 0..ITERATIONS {
         // Residuals of the optimality conditions.
@@ -135,17 +135,22 @@ pub fn solve(
             });
         }
         weights.iter_mut().zip(s.iter().zip(&nu)).for_each(|(w, (s, nu))| *w = s / nu);
-        let inertia = kkt.factorise(&KktValues {
-            hessian,
-            metric,
-            damping: *damping,
-            equalities: &here.equality_jacobian,
-            inequalities: &here.inequality_jacobian,
-            rows: Rows::Weighted(&weights),
-        });
-        if !inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
+        let mut is_right = |damping: f64| {
+            let inertia = kkt.factorise(&KktValues {
+                hessian,
+                metric,
+                damping,
+                equalities: &here.equality_jacobian,
+                inequalities: &here.inequality_jacobian,
+                rows: Rows::Weighted(&weights),
+            });
+            inertia.is_some_and(|inertia| kkt.is_right(inertia))
+        };
+        if !is_right(*damping) {
+            // Where the largest δ is not enough, none between is tried.
+            let is_hopeless = taken == 0 && most.is_finite() && !std::mem::replace(&mut has_asked, true) && !is_right(most);
             raise(damping)?;
-            if *damping > most {
+            if is_hopeless || *damping > most {
                 return Err(NoStep::Singular);
             }
             continue;

@@ -138,8 +138,9 @@ const LONGEST_LEAP: f64 = 64.0;
 const MOST: f64 = 3e-3;
 const RAISE_MOST: f64 = 5.0;
 const CREEPING: f64 = 0.9;
-/// An active set that has changed by no more rows than these has settled.
+/// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
+const FEW: usize = 200;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
 const PER_ERROR: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
@@ -386,7 +387,7 @@ impl Sqp<'_> {
         if let Some(guess) = &self.active {
             if !hopeless && self.is_settled {
                 let mut exact = *damping;
-                let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, guess);
+                let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, EXACT_DAMPING, guess);
                 if let Ok(step) = found {
                     *damping = exact;
                     return Ok(step);
@@ -418,15 +419,14 @@ impl Sqp<'_> {
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = *damping;
                 if delta > less && curvature == Curvature::Exact {
-                    let found = active_set::solve(self.kkt, &self.here, hessian, &self.metric, &mut less, &step.active);
-                    if let Ok(better) = found
-                        && less < delta
-                    {
+                    let most = less.max(delta / RAISE);
+                    let (here, metric) = (&self.here, &self.metric);
+                    if let Ok(better) = active_set::solve(self.kkt, here, hessian, metric, &mut less, most, &step.active) {
                         (step, delta) = (better, less);
                     }
                 }
                 let changed = step.active.iter().zip(guess).filter(|(now, before)| now != before).count();
-                self.is_settled = self.is_plain || changed <= NEARLY;
+                self.is_settled = self.is_plain || changed <= NEARLY.max(guess.len() / FEW);
                 self.convexified = curvature == Curvature::Convex;
                 *damping = delta;
                 return Ok(step);
@@ -563,7 +563,7 @@ impl Sqp<'_> {
         right[n..n + me].iter_mut().zip(&trial.equalities).for_each(|(r, c)| *r = -c);
         right[n + me..].iter_mut().zip(&trial.inequalities).for_each(|(r, d)| *r = -d);
         let mut solution = vec![0.0; self.kkt.order()];
-        self.kkt.solve(&right, &mut solution);
+        self.kkt.solve_roughly(&right, &mut solution);
         trial.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
         trial.evaluate(self.problem);
     }
@@ -615,7 +615,7 @@ impl Sqp<'_> {
         right.extend(point.equalities.iter().map(|c| -c));
         right.extend(point.inequalities.iter().map(|d| -d));
         let mut solution = vec![0.0; self.kkt.order()];
-        self.kkt.solve(&right, &mut solution);
+        self.kkt.solve_roughly(&right, &mut solution);
         point.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
         point.equality_multipliers.iter_mut().zip(&solution[n..]).for_each(|(l, d)| *l += d);
         let inequalities = point.inequality_multipliers.iter_mut().zip(&solution[n + me..]).zip(active);
