@@ -140,11 +140,16 @@ const RAISE_MOST: f64 = 5.0;
 const CREEPING: f64 = 0.9;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
+/// KKT error above which what has been convexified stays so.
+const FAR: f64 = 1.0;
 const FEW: usize = 200;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
 const PER_ERROR: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 1e-3;
+/// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
+/// are not unique, that which goes on from the last one can go round in a circle.
+const STUCK: (usize, f64) = (3, 1e-3);
 const RESTORATIONS: usize = 60;
 /// How often a step that creeps is made twice as long.
 const DOUBLINGS: usize = 16;
@@ -187,6 +192,8 @@ struct Sqp<'p> {
     interior: Option<Interior>,
     /// Whether the interior point is the plain one.
     is_plain: bool,
+    /// Whether it is so for this iteration.
+    is_stuck: bool,
     /// Factorisations before this solve.
     factorised: usize,
 }
@@ -256,6 +263,7 @@ impl<'p> Sqp<'p> {
             is_settled: true,
             interior: None,
             is_plain,
+            is_stuck: false,
             factorised,
         }
     }
@@ -280,6 +288,7 @@ impl Sqp<'_> {
             let idle = trace.len() - 1 - since;
             self.floor = if idle >= IMPATIENCE { SMALLEST_DAMPING } else { USUAL_FLOOR };
             let creeps = idle >= PATIENCE;
+            self.is_stuck = idle >= STUCK.0 && error.largest() < STUCK.1;
             if let Some(status) = self.is_over(error, trace.len() - 1, creeps) {
                 break status;
             }
@@ -383,7 +392,8 @@ impl Sqp<'_> {
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
         // What had to be convexified is so until the active set settles; then it is asked again.
         let was_convexified = std::mem::take(&mut self.convexified);
-        let mut hopeless = was_convexified && (!self.is_settled || self.is_too_curved(damping.max(EXACT_DAMPING)));
+        let far = self.here.kkt_error().largest() > FAR && !self.is_plain;
+        let mut hopeless = was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(EXACT_DAMPING)));
         if let Some(guess) = &self.active {
             if !hopeless && self.is_settled {
                 let mut exact = *damping;
@@ -411,7 +421,7 @@ impl Sqp<'_> {
                     }
                 };
                 let mut delta = *damping;
-                let manner = Manner { most, tolerance, is_plain: self.is_plain };
+                let manner = Manner { most, tolerance, is_plain: self.is_plain || self.is_stuck };
                 let interior = &mut self.interior;
                 let found =
                     interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, manner, interior);
@@ -434,7 +444,8 @@ impl Sqp<'_> {
         }
         // At first, and where all else fails. Clarabel scales and pivots differently: what the own interior point cannot solve it may.
         let delta = damping.clamp(CONVEX_DAMPING.0, CONVEX_DAMPING.1);
-        let manner = Manner { most: delta, tolerance: interior_point::COARSE, is_plain: self.is_plain };
+        let tolerance = if self.is_plain { interior_point::COARSE } else { PER_ERROR };
+        let manner = Manner { most: delta, tolerance, is_plain: self.is_plain };
         let mut same = delta;
         let (kkt, interior) = (&mut *self.kkt, &mut self.interior);
         let found =
