@@ -375,13 +375,14 @@ impl Sqp<'_> {
             let whole = accepted.fraction == 1.0;
             self.damping = if whole && attempt == 0 { (LOWER * damping).max(self.floor) } else { damping };
             let direction = self.take(step, accepted, leaps, record);
-            let creeps = error.largest() < 1.0 && self.here.kkt_error().largest() > CREEPING * error.largest();
-            if creeps && whole && damping > SHORTENING {
+            let creeps = self.here.kkt_error().largest() > CREEPING * error.largest();
+            let is_short = self.convexified || error.largest() < 1.0 && damping > SHORTENING;
+            if creeps && whole && is_short {
                 self.extend(&direction, damping, record);
             }
             if self.convexified {
                 // The convex model is far too stiff where the Lagrangian is flat: next time, the exact one with more δ.
-                self.most = if creeps { RAISE_MOST * self.most } else { MOST };
+                self.most = if creeps && error.largest() < 1.0 { RAISE_MOST * self.most } else { MOST };
             }
             return Ok(());
         }
@@ -639,7 +640,15 @@ impl Sqp<'_> {
     /// for as long as the objective falls, with two steps back to the constraints each time.
     fn extend(&mut self, direction: &[f64], damping: f64, record: &mut Record) {
         let active = self.active.clone().unwrap_or_default();
-        let factorised = self.factorise(damping, &active);
+        let hessian = if self.convexified { &self.convex } else { &self.hessian };
+        let factorised = self.kkt.factorise(&KktValues {
+            hessian,
+            metric: &self.metric,
+            damping,
+            equalities: &self.here.equality_jacobian,
+            inequalities: &self.here.inequality_jacobian,
+            rows: Rows::Active(&active),
+        });
         if factorised.is_none() {
             return;
         }
