@@ -396,8 +396,11 @@ impl Sqp<'_> {
         let far = self.here.kkt_error().largest() > FAR && !self.is_plain;
         let mut hopeless = was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(EXACT_DAMPING)));
         if let Some(guess) = &self.active {
+            let error = self.here.kkt_error().largest();
+            // What was lowered with the convexified Hessian says nothing of the exact one.
+            let usual = if was_convexified { damping.max(DAMPING_PER_ERROR * error) } else { *damping };
             if !hopeless && self.is_settled {
-                let mut exact = *damping;
+                let mut exact = usual;
                 let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, EXACT_DAMPING, guess);
                 if let Ok(step) = found {
                     *damping = exact;
@@ -421,14 +424,15 @@ impl Sqp<'_> {
                         &self.convex
                     }
                 };
-                let mut delta = *damping;
+                let least = if curvature == Curvature::Exact { usual } else { *damping };
+                let mut delta = least;
                 let manner = Manner { most, tolerance, is_plain: self.is_plain || self.is_stuck };
                 let interior = &mut self.interior;
                 let found =
                     interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, manner, interior);
                 let Ok(mut step) = found else { continue };
                 // Away from its end the interior point may need more δ than its solution does.
-                let mut less = *damping;
+                let mut less = least;
                 if delta > less && curvature == Curvature::Exact {
                     let most = less.max(delta / RAISE);
                     let (here, metric) = (&self.here, &self.metric);
