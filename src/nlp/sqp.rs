@@ -133,10 +133,9 @@ const CORRECTIONS: usize = 4;
 /// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
 const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
 const LONGEST_LEAP: f64 = 64.0;
-/// How far the interior point may raise δ for the exact Hessian at first; the factor on it while the steps with the convexified one
-/// leave more than this share of the KKT error.
+/// How far the interior point may raise δ for the exact Hessian.
 const MOST: f64 = 3e-3;
-const RAISE_MOST: f64 = 5.0;
+/// A step that leaves more than this share of the KKT error creeps.
 const CREEPING: f64 = 0.9;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
@@ -182,8 +181,6 @@ struct Sqp<'p> {
     floor: f64,
     /// Whether the last sub-problem had to raise δ against negative curvature.
     curved: bool,
-    /// How far the interior point may raise δ for the exact Hessian.
-    most: f64,
     /// Whether the last sub-problem was that of the convexified Hessian.
     convexified: bool,
     /// Whether the last interior point ended with much the same active set as the sub-problem before.
@@ -258,7 +255,6 @@ impl<'p> Sqp<'p> {
             damping: FIRST_DAMPING,
             floor: USUAL_FLOOR,
             curved: false,
-            most: MOST,
             convexified: false,
             is_settled: true,
             interior: None,
@@ -380,10 +376,6 @@ impl Sqp<'_> {
             if creeps && whole && is_short {
                 self.extend(&direction, damping, record);
             }
-            if self.convexified {
-                // The convex model is far too stiff where the Lagrangian is flat: next time, the exact one with more δ.
-                self.most = if creeps && error.largest() < 1.0 { RAISE_MOST * self.most } else { MOST };
-            }
             return Ok(());
         }
         self.restore(record)
@@ -406,13 +398,13 @@ impl Sqp<'_> {
                     *damping = exact;
                     return Ok(step);
                 }
-                hopeless = exact > self.most.max(EXACT_DAMPING);
+                hopeless = exact > EXACT_DAMPING;
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one, no finer than that model deserves.
             let coarse = (PER_ERROR * self.here.kkt_error().largest()).clamp(interior_point::COARSE, PER_ERROR);
             let ways = [
-                (Curvature::Exact, self.most, interior_point::FINE),
+                (Curvature::Exact, MOST, interior_point::FINE),
                 (Curvature::Convex, f64::INFINITY, if self.is_plain { interior_point::COARSE } else { coarse }),
             ];
             for (curvature, most, tolerance) in ways.into_iter().skip(usize::from(hopeless)) {
