@@ -20,8 +20,8 @@ const PATIENCE: usize = 3;
 const MANY: usize = 10;
 pub const SMALLEST_DAMPING: f64 = 1e-15;
 const LARGEST_DAMPING: f64 = 1e8;
-/// Above this, guessing gives up: the convexified problem serves better.
-pub const EXACT_DAMPING: f64 = 1e-2;
+/// A Hessian that needs more than this is convexified: that serves better.
+pub const EXACT_DAMPING: f64 = 3e-3;
 const RAISE: f64 = 5.0;
 /// δ that is right is taken where it is no more than this times one that is not: what lies between would cost more than it gains.
 const NEAR: f64 = 60.0;

@@ -42,7 +42,7 @@ const NEAR: (f64, f64) = (0.1, 10.0);
 const LEAST_SLACK: f64 = 1e-2;
 const RAISE: f64 = 1.1;
 /// Steps of one sub-problem.
-const STEPS: usize = 5;
+const STEPS: usize = 4;
 /// A start from the last sub-problem: its s ν is at least DRAWN_BACK E^1.5 in the gradient's size, E the KKT error, and a multiplier makes
 /// no product further from that than by the factor CENTRED.
 const DRAWN_BACK: f64 = 3e-2;

@@ -133,10 +133,8 @@ const CORRECTIONS: usize = 4;
 /// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
 const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
 const LONGEST_LEAP: f64 = 64.0;
-/// How far the interior point may raise δ for the exact Hessian.
-const MOST: f64 = 3e-3;
 /// A step that leaves more than this share of the KKT error creeps.
-const CREEPING: f64 = 0.9;
+const CREEPING: f64 = 0.7;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
 /// KKT error above which what has been convexified stays so.
@@ -404,7 +402,7 @@ impl Sqp<'_> {
             // Hessian if little δ makes it positive definite, else with the convex one, no finer than that model deserves.
             let coarse = (PER_ERROR * self.here.kkt_error().largest()).clamp(interior_point::COARSE, PER_ERROR);
             let ways = [
-                (Curvature::Exact, MOST, interior_point::FINE),
+                (Curvature::Exact, EXACT_DAMPING, interior_point::FINE),
                 (Curvature::Convex, f64::INFINITY, if self.is_plain { interior_point::COARSE } else { coarse }),
             ];
             for (curvature, most, tolerance) in ways.into_iter().skip(usize::from(hopeless)) {
