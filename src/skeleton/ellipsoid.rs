@@ -49,7 +49,8 @@ pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Co
     // In units of the mean radius.
     let unit_length = radii.iter().sum::<f64>() / 3.0;
     let scaled = |x: &Vector| x.map(|x| x / unit_length);
-    let ellipsoid = Ellipsoid { radii: scaled(radii) };
+    let radii = scaled(radii);
+    let ellipsoid = Ellipsoid { radii, weights: radii.map(|r| 2.0 / (r * r)) };
     let (a, b) = (scaled(a), scaled(b));
     if !ellipsoid.hides(&a, &b) {
         return None;
@@ -87,6 +88,8 @@ pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Co
 
 struct Ellipsoid {
     radii: Vector,
+    /// 2/r²: the second derivatives of f.
+    weights: Vector,
 }
 
 impl Ellipsoid {
@@ -95,7 +98,7 @@ impl Ellipsoid {
     }
 
     fn gradient(&self, x: &Vector) -> Vector {
-        [0, 1, 2].map(|i| 2.0 * x[i] / (self.radii[i] * self.radii[i]))
+        [0, 1, 2].map(|i| self.weights[i] * x[i])
     }
 
     fn normal(&self, x: &Vector) -> Vector {
@@ -162,12 +165,12 @@ impl Ellipsoid {
     /// The geodesic of some length from `x` in the direction `t`; backwards for a negative length.
     fn geodesic(&self, x: Vector, t: Vector, length: f64, steps: usize) -> Geodesic {
         // Of x and t, and of the Gaussian curvature: 1/(∏ r² (Σ x²/r⁴)²).
-        let product: f64 = self.radii.iter().map(|r| r * r).product();
+        let curved = -2.0 * self.weights.iter().product::<f64>();
         let forces = |x: &Vector, t: &Vector| {
             let gradient = self.gradient(x);
-            let bent: f64 = (0..3).map(|i| 2.0 * t[i] * t[i] / (self.radii[i] * self.radii[i])).sum();
-            let square = dot(&gradient, &gradient);
-            (gradient.map(|g| -g * bent / square), -16.0 / (product * square * square))
+            let less = 1.0 / dot(&gradient, &gradient);
+            let bent = -less * dot(&self.gradient(t), t);
+            (gradient.map(|g| g * bent), curved * less * less)
         };
         let h = length / steps as f64;
         // (x, t), and the neighbours (y, y′) that begin with (1, 0) and with (0, 1).
@@ -197,7 +200,7 @@ impl Ellipsoid {
 
     /// Curvature along `t` and torsion (how the normal turns across it) at `x`.
     fn curvature(&self, x: &Vector, t: &Vector, across: &Vector) -> (f64, f64) {
-        let turned = [0, 1, 2].map(|i| 2.0 * t[i] / (self.radii[i] * self.radii[i]));
+        let turned = self.gradient(t);
         let steep = norm(&self.gradient(x));
         (dot(&turned, t) / steep, dot(&turned, across) / steep)
     }
