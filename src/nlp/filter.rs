@@ -4,6 +4,8 @@
 
 const MARGIN: f64 = 1e-5;
 const ARMIJO: f64 = 1e-4;
+/// θ after a step may be this times that before it, or times the KKT error if that is larger: f is worth no more.
+const WILD: f64 = 100.0;
 
 #[derive(Clone, Debug)]
 pub struct Filter {
@@ -29,10 +31,11 @@ impl Filter {
         Self { entries: Vec::new(), ceiling: 1e2 * violation.max(1.0), floor: 1e-4 * violation.max(1.0) }
     }
 
-    /// Judges the step from (θ, f) by the fraction α with slope `∇fᵀ d` to `trial`.
-    pub fn judge(&self, here: (f64, f64), slope: f64, alpha: f64, trial: (f64, f64)) -> Verdict {
+    /// Judges the step from (θ, f), where the KKT error is `error`, by the fraction α with slope `∇fᵀ d` to `trial`.
+    pub fn judge(&self, here: (f64, f64), error: f64, slope: f64, alpha: f64, trial: (f64, f64)) -> Verdict {
         let ((violation, objective), (trial_violation, trial_objective)) = (here, trial);
-        if !trial_violation.is_finite() || !trial_objective.is_finite() || trial_violation > self.ceiling {
+        let ceiling = self.ceiling.min(WILD * violation.max(error));
+        if !trial_violation.is_finite() || !trial_objective.is_finite() || trial_violation > ceiling {
             return Verdict::Rejected;
         }
         if !self.allows(trial) {

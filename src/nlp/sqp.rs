@@ -499,11 +499,12 @@ impl Sqp<'_> {
         let mut fraction = 1.0;
         while fraction > SMALLEST_FRACTION {
             let mut trial = self.at(&step.direction, fraction);
-            let mut verdict = self.filter.judge(before, slope, fraction, (trial.violation(), trial.objective));
+            let reached = (trial.violation(), trial.objective);
+            let mut verdict = self.filter.judge(before, error.largest(), slope, fraction, reached);
             if fraction == 1.0 && verdict == Verdict::Rejected && trial.is_finite() {
                 if self.lowers_the_error(&trial, step, error) {
                     verdict = Verdict::Progress;
-                } else if let Some(corrected) = self.correct(step, damping, &trial, before, slope) {
+                } else if let Some(corrected) = self.correct(step, damping, &trial, before, slope, error) {
                     (trial, verdict) = corrected;
                 }
             }
@@ -544,13 +545,15 @@ impl Sqp<'_> {
         trial: &Iterate,
         before: (f64, f64),
         slope: f64,
+        error: KktError,
     ) -> Option<(Iterate, Verdict)> {
         self.factorise(damping, &step.active)?;
         let mut trial = trial.clone();
         let mut last = trial.violation();
         for _ in 0..CORRECTIONS {
             self.reduce_violation(&mut trial);
-            let verdict = self.filter.judge(before, slope, 1.0, (trial.violation(), trial.objective));
+            let reached = (trial.violation(), trial.objective);
+            let verdict = self.filter.judge(before, error.largest(), slope, 1.0, reached);
             if verdict != Verdict::Rejected {
                 return Some((trial, verdict));
             }
