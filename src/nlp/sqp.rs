@@ -187,6 +187,8 @@ struct Sqp<'p> {
     interior: Option<Interior>,
     /// Whether the interior point is the plain one.
     is_plain: bool,
+    /// Whether the factorisation at hand is that of the last sub-problem's step.
+    is_at_hand: bool,
     /// Whether it is so for this iteration.
     is_stuck: bool,
     /// Factorisations before this solve.
@@ -258,6 +260,7 @@ impl<'p> Sqp<'p> {
             interior: None,
             is_plain,
             is_stuck: false,
+            is_at_hand: false,
             factorised,
         }
     }
@@ -367,7 +370,7 @@ impl Sqp<'_> {
             }
             self.curved = damping > self.damping;
             let whole = accepted.fraction == 1.0;
-            self.damping = if whole && attempt == 0 { (LOWER * damping).max(self.floor) } else { damping };
+            self.damping = if whole && attempt == 0 && !self.curved { (LOWER * damping).max(self.floor) } else { damping };
             let direction = self.take(step, accepted, leaps, record);
             let creeps = self.here.kkt_error().largest() > CREEPING * error.largest();
             let is_short = self.convexified || error.largest() < 1.0 && damping > SHORTENING;
@@ -382,6 +385,7 @@ impl Sqp<'_> {
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
         // What had to be convexified is so until the active set settles; then it is asked again.
+        self.is_at_hand = false;
         let was_convexified = std::mem::take(&mut self.convexified);
         let far = self.here.kkt_error().largest() > FAR && !self.is_plain;
         let mut hopeless = was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(EXACT_DAMPING)));
@@ -393,6 +397,7 @@ impl Sqp<'_> {
                 let mut exact = usual;
                 let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, EXACT_DAMPING, guess);
                 if let Ok(step) = found {
+                    self.is_at_hand = true;
                     *damping = exact;
                     return Ok(step);
                 }
@@ -472,10 +477,10 @@ impl Sqp<'_> {
         })
     }
 
-    /// Factorises the exact Hessian here with damping δ, the `active` rows as equations.
+    /// Factorises the last sub-problem's Hessian, the exact one if there is none, with damping δ and the `active` rows as equations.
     fn factorise(&mut self, damping: f64, active: &[bool]) -> Option<Inertia> {
         self.kkt.factorise(&KktValues {
-            hessian: &self.hessian,
+            hessian: if self.convexified { &self.convex } else { &self.hessian },
             metric: &self.metric,
             damping,
             equalities: &self.here.equality_jacobian,
@@ -547,7 +552,10 @@ impl Sqp<'_> {
         slope: f64,
         error: KktError,
     ) -> Option<(Iterate, Verdict)> {
-        self.factorise(damping, &step.active)?;
+        if !self.is_at_hand {
+            self.factorise(damping, &step.active)?;
+        }
+        self.is_at_hand = true;
         let mut trial = trial.clone();
         let mut last = trial.violation();
         for _ in 0..CORRECTIONS {
@@ -637,16 +645,7 @@ impl Sqp<'_> {
     /// for as long as the objective falls, with two steps back to the constraints each time.
     fn extend(&mut self, direction: &[f64], damping: f64, record: &mut Record) {
         let active = self.active.clone().unwrap_or_default();
-        let hessian = if self.convexified { &self.convex } else { &self.hessian };
-        let factorised = self.kkt.factorise(&KktValues {
-            hessian,
-            metric: &self.metric,
-            damping,
-            equalities: &self.here.equality_jacobian,
-            inequalities: &self.here.inequality_jacobian,
-            rows: Rows::Active(&active),
-        });
-        if factorised.is_none() {
+        if !self.is_at_hand && self.factorise(damping, &active).is_none() {
             return;
         }
         let allowed = self.here.violation().max(self.settings.tolerance);
