@@ -152,7 +152,7 @@ impl<'a> Guess<'a> {
 
     /// Solves with the last factorisation; the rows for which the guess is wrong.
     fn wrong_rows(&mut self) -> Result<Vec<usize>, NoStep> {
-        let consistent = self.kkt.solve(&self.right, &mut self.solution) <= ACCURACY;
+        let consistent = self.kkt.solve_roughly(&self.right, &mut self.solution) <= ACCURACY;
         if !consistent && self.kkt.solve_regularised(&self.right, &mut self.solution).is_nan() {
             return Err(NoStep::Singular);
         }
@@ -170,7 +170,8 @@ impl<'a> Guess<'a> {
         if wrong.is_empty() && !consistent { Err(NoStep::Singular) } else { Ok(wrong) }
     }
 
-    fn step(self) -> Step {
+    fn step(mut self) -> Step {
+        self.kkt.solve_further(&self.right, &mut self.solution);
         let (direction, multipliers) = self.solution.split_at(self.here.x.len());
         let (lambda, minus_nu) = multipliers.split_at(self.here.equalities.len());
         let of_active = |(y, active): (&f64, &bool)| if *active { -y } else { 0.0 };

@@ -162,17 +162,25 @@ impl Kkt {
     /// ignored. Returns the residual's largest entry relative to that of the right-hand side: large where the active
     /// constraints contradict each other.
     pub fn solve(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        solution.fill(0.0);
+        self.refine(right_hand_side, solution, false, EXACT)
+    }
+
+    /// Goes on from what [`Kkt::solve_roughly`] has left.
+    pub fn solve_further(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
         self.refine(right_hand_side, solution, false, EXACT)
     }
 
     /// [`Kkt::solve`] to a residual small enough for a step that is corrected by the next one.
     pub fn solve_roughly(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        solution.fill(0.0);
         self.refine(right_hand_side, solution, false, ROUGH)
     }
 
     /// [`Kkt::solve`] with ε left in. Where active constraints contradict each other this has a solution, with large
     /// multipliers whose signs tell which of them to let go.
     pub fn solve_regularised(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        solution.fill(0.0);
         self.refine(right_hand_side, solution, true, EXACT)
     }
 
@@ -180,14 +188,14 @@ impl Kkt {
         let n = self.variables + self.equalities;
         let right = |i: usize, active: &[bool]| if i < n || active[i - n] { right_hand_side[i] } else { 0.0 };
         let scale = (0..self.order()).map(|i| right(i, &self.active).abs()).fold(0.0, f64::max).max(1e-300);
-        solution.fill(0.0);
+        let begins = solution.iter().all(|x| *x == 0.0);
         let mut best = f64::INFINITY;
         for refinement in 0..REFINEMENTS {
             for i in 0..self.order() {
                 self.residual[i] = right(i, &self.active);
             }
             let matrix = if regularised { &self.regularised } else { &self.matrix };
-            if refinement > 0 {
+            if refinement > 0 || !begins {
                 matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
             }
             let size = self.residual.iter().map(|r| r.abs()).fold(0.0, f64::max) / scale;

@@ -68,8 +68,8 @@ impl QuadraticProgramme<'_> {
         let hessian = CscMatrix::new(
             n,
             n,
-            self.hessian.column_start.clone(),
-            self.hessian.row_index.clone(),
+            self.hessian.column_start.to_vec(),
+            self.hessian.row_index.to_vec(),
             self.hessian.values.clone(),
         );
         let cones = [ZeroConeT(me), NonnegativeConeT(mi)];

@@ -1,13 +1,15 @@
 //! Compressed sparse columns with a pattern that is built once and values that are written many times.
 
-/// A sparse matrix, columns compressed, row indices increasing within a column. Explicit zeros stay.
+use std::sync::Arc;
+
+/// A sparse matrix, columns compressed, row indices increasing within a column. Explicit zeros stay. Clones share the pattern.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sparse {
     pub rows: usize,
     pub columns: usize,
     /// Start of each column in `row_index` and `values`; length `columns + 1`.
-    pub column_start: Vec<usize>,
-    pub row_index: Vec<usize>,
+    pub column_start: Arc<[usize]>,
+    pub row_index: Arc<[usize]>,
     pub values: Vec<f64>,
 }
 
@@ -44,7 +46,7 @@ impl Pattern {
         Sparse {
             rows: self.rows,
             columns: self.columns,
-            column_start: self.column_start.clone(),
+            column_start: self.column_start.as_slice().into(),
             row_index: self.entries.iter().map(|&(_, row)| row as usize).collect(),
             values: vec![0.0; self.entries.len()],
         }
@@ -70,6 +72,12 @@ impl Sparse {
         matrix
     }
 
+    /// (row, value) of a column's entries.
+    fn column(&self, column: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let slots = self.column_start[column]..self.column_start[column + 1];
+        self.row_index[slots.clone()].iter().copied().zip(self.values[slots].iter().copied())
+    }
+
     /// All (row, column, slot) in storage order.
     pub fn entries(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
         (0..self.columns).flat_map(move |column| {
@@ -83,9 +91,7 @@ impl Sparse {
         for column in 0..self.columns {
             let factor = scale * x[column];
             if factor != 0.0 {
-                for slot in self.column_start[column]..self.column_start[column + 1] {
-                    out[self.row_index[slot]] += self.values[slot] * factor;
-                }
+                self.column(column).for_each(|(row, value)| out[row] += value * factor);
             }
         }
     }
@@ -93,10 +99,7 @@ impl Sparse {
     /// `out += scale · selfᵀ · y`
     pub fn add_transpose_product(&self, scale: f64, y: &[f64], out: &mut [f64]) {
         for column in 0..self.columns {
-            let mut sum = 0.0;
-            for slot in self.column_start[column]..self.column_start[column + 1] {
-                sum += self.values[slot] * y[self.row_index[slot]];
-            }
+            let sum: f64 = self.column(column).map(|(row, value)| value * y[row]).sum();
             out[column] += scale * sum;
         }
     }
@@ -105,8 +108,7 @@ impl Sparse {
     pub fn add_symmetric_product(&self, scale: f64, x: &[f64], out: &mut [f64]) {
         for column in 0..self.columns {
             let (factor, mut sum) = (scale * x[column], 0.0);
-            for slot in self.column_start[column]..self.column_start[column + 1] {
-                let (row, value) = (self.row_index[slot], self.values[slot]);
+            for (row, value) in self.column(column) {
                 out[row] += value * factor;
                 if row != column {
                     sum += value * x[row];

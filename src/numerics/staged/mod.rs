@@ -20,6 +20,7 @@ mod analysis;
 mod front;
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use self::analysis::{Pattern, fronts};
 use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
@@ -130,8 +131,8 @@ impl FrontFactors<'_> {
 pub struct StagedLdl {
     order: usize,
     /// Where each column starts, and the row of each value.
-    column_start: Vec<usize>,
-    rows: Vec<usize>,
+    column_start: Arc<[usize]>,
+    rows: Arc<[usize]>,
     /// S, and S K S as factorised.
     scale: Vec<f64>,
     scaled: Vec<f64>,
