@@ -448,7 +448,7 @@ fn regularity_rows(
     setting: &Setting,
 ) -> Option<(RegularityRow, Vec<SpectrumRow>, Vec<Vec<f64>>)> {
     let (bounds, force) = active_rows(problem, point);
-    let found = regularity::analyse(counter, problem, point, &bounds)?;
+    let found = counter.analyse(point, &bounds)?;
     let with_force = if force.is_empty() {
         (found.a.deficiency, found.aj.deficiency)
     } else {

@@ -10,8 +10,8 @@
 //! strain, eq. (4) times τ, Φ in m and rad; rows are not scaled otherwise. The thesis prints deficiencies as negative
 //! numbers; here they are counts.
 //!
-//! Two ways to the same numbers: a dense singular value decomposition for small problems, and pivots counted stage by stage in time
-//! ([`StagedSpectrum`]), linear in the number of points, for large ones and at every iterate.
+//! Pivots are counted stage by stage in time ([`StagedSpectrum`]), linear in the number of points. Two independent checks give the same
+//! numbers for problems that are not too large: a dense singular value decomposition, and QR with column pivoting.
 
 use faer::Mat;
 
@@ -20,21 +20,20 @@ use super::iterate::Iterate;
 use super::problem::Problem;
 use crate::numerics::rank::{self, Rank};
 use crate::numerics::sparse::{Pattern, Sparse};
-use crate::numerics::spectrum::StagedSpectrum;
+use crate::numerics::spectrum::{Side, StagedSpectrum};
 
-/// So many singular values on either side of the cut are kept where all are known; else one.
+/// So many singular values on either side of the cut are kept where they are known; else one.
 const AROUND_CUT: usize = 6;
 /// Between these fractions of σ_max a singular value is neither clearly zero nor clearly not.
 const AMBIGUOUS: (f64, f64) = (1e-15, 1e-9);
-/// Up to so many unknowns the dense decomposition is taken.
-pub const DENSE_UNKNOWNS: usize = 700;
-/// Counted singular values above the cut are known to this relative precision, those below, which are rounding, to a factor of two.
+/// Singular values above the cut are known to this relative precision; those below, which are rounding, to a factor of two.
 const PRECISION: f64 = 1e-2;
 const ROUGHLY: f64 = 1.0;
 /// Below this share of σ_max no singular value is looked for.
 const LEAST: f64 = 1e-18;
-/// Up to so many null directions are found all; else so many random ones.
+/// Up to so many null directions, or so many numbers in them, are found all; else so many random ones.
 const FEW: usize = 24;
+const CHEAP: usize = 50_000;
 const SAMPLED: usize = 3;
 
 /// Rank of one of the two matrices, and its spectrum near the cut.
@@ -67,46 +66,58 @@ impl Spectrum {
         }
     }
 
-    /// By counting. `rows` of the matrix are not left at zero; `full` is its rank without deficiency. `dropped`: the singular values at or
-    /// below the tolerance, largest first, if they are known.
+    /// By counting, and the vectors of `side` below the cut: all of them, or, if there are many, none of the rows and random ones of the
+    /// columns. `rows` of the matrix `m`, last set, are not left at zero.
     fn counted(
         matrix: &mut StagedSpectrum,
-        [rows, full]: [usize; 2],
-        columns: usize,
-        dropped: Option<&[f64]>,
+        m: &Sparse,
+        rows: usize,
+        side: Side,
         deadline: Deadline,
-    ) -> Option<Self> {
+    ) -> Option<(Self, Vec<Vec<f64>>)> {
         let sigma_max = matrix.sigma_max();
-        let tolerance = rank::tolerance(rows, columns, sigma_max);
+        let tolerance = rank::tolerance(rows, m.columns, sigma_max);
         let [top, bottom] = [AMBIGUOUS.1, AMBIGUOUS.0].map(|share| share * sigma_max);
         let rank = matrix.count_above(tolerance)?;
-        let high = matrix.count_above(top)?;
-        let low = match dropped {
-            Some(values) => rank + values.iter().filter(|value| **value > bottom).count(),
-            None => matrix.count_above(bottom)?,
+        let (full, sampled) = match side {
+            Side::Rows => (rows, 0),
+            Side::Columns => (m.columns, SAMPLED),
         };
+        let deficiency = full - rank;
+        let wanted = if deficiency <= FEW || deficiency * full <= CHEAP { deficiency } else { sampled };
+        let near = matrix.near(m, side, tolerance, deficiency, wanted)?;
+        let (dropped, vectors): (Vec<f64>, Vec<Vec<f64>>) = near.below.into_iter().unzip();
+        let is_known = dropped.len() == deficiency && dropped.iter().all(|value| *value <= tolerance);
         let mut around_cut = Vec::new();
+        let mut high = 0;
         if rank > 0 && !deadline.passed() {
-            let bracket = if high < rank { (tolerance, top) } else { (top.max(tolerance), 1.01 * sigma_max) };
-            around_cut.push((rank - 1, matrix.value(rank - 1, bracket, PRECISION)?));
+            let kept = matrix.value(rank - 1, (tolerance, 1.01 * sigma_max), PRECISION, near.above)?;
+            high = if kept > 2.0 * top { rank } else { matrix.count_above(top)? };
+            around_cut.push((rank - 1, kept));
         }
-        if let Some(values) = dropped {
-            around_cut.extend(values.iter().enumerate().map(|(k, value)| (rank + k, *value)).take(AROUND_CUT));
-        } else if rank < rows.min(columns) {
-            let bracket = if rank < low { (bottom, tolerance) } else { (LEAST * sigma_max, bottom) };
-            around_cut.push((rank, matrix.value(rank, bracket, ROUGHLY)?));
-        }
+        let low = if is_known {
+            around_cut.extend(dropped.iter().enumerate().map(|(k, value)| (rank + k, *value)).take(AROUND_CUT));
+            rank + dropped.iter().filter(|value| **value > bottom).count()
+        } else {
+            let low = matrix.count_above(bottom)?;
+            if rank < rows.min(m.columns) {
+                let bracket = if rank < low { (bottom, tolerance) } else { (LEAST * sigma_max, bottom) };
+                around_cut.push((rank, matrix.value(rank, bracket, ROUGHLY, None)?));
+            }
+            low
+        };
         if deadline.passed() {
             return None;
         }
-        Some(Self {
+        let spectrum = Self {
             rank,
-            deficiency: full - rank,
+            deficiency,
             tolerance,
             sigma_max: Some(sigma_max),
             around_cut,
             above_band: (high, low),
-        })
+        };
+        Some((spectrum, vectors))
     }
 
     pub fn last_kept(&self) -> Option<f64> {
@@ -139,24 +150,7 @@ pub struct Regularity {
     pub null_directions: Vec<Vec<f64>>,
 }
 
-/// The ranks at `iterate` with the inequality rows `active`: dense up to [`DENSE_UNKNOWNS`], else counted. `None` if not finite.
-pub fn analyse(
-    counter: &mut RankCounter,
-    problem: &dyn Problem,
-    iterate: &Iterate,
-    active: &[usize],
-) -> Option<Regularity> {
-    if counter.deadline.passed() {
-        return None;
-    }
-    if iterate.x.len() <= DENSE_UNKNOWNS {
-        analyse_dense(problem, iterate, active)
-    } else {
-        counter.analyse(iterate, active)
-    }
-}
-
-/// The ranks by singular value decomposition.
+/// The ranks by dense singular value decomposition: an independent check.
 pub fn analyse_dense(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
     let a = stack(iterate, active, None);
     let aj = stack(iterate, active, Some(problem.residual_jacobian()));
@@ -255,18 +249,10 @@ impl RankCounter {
     /// Ranks and the spectra near the cuts.
     pub fn analyse(&mut self, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
         self.set(iterate, active);
-        let (rows_a, rows_aj, n) = self.sizes(active.len());
+        let (rows_a, rows_aj, _) = self.sizes(active.len());
         let [a, aj] = &mut self.spectra;
-        let a = Spectrum::counted(a, [rows_a; 2], n, None, self.deadline)?;
-        let cut = rank::tolerance(rows_aj, n, aj.sigma_max());
-        let deficiency = n - aj.count_above(cut)?;
-        let null_space = match deficiency {
-            0 => Vec::new(),
-            _ => aj.null_space(&self.stacked[1], cut, if deficiency <= FEW { deficiency } else { SAMPLED })?,
-        };
-        let (values, null_directions): (Vec<f64>, Vec<Vec<f64>>) = null_space.into_iter().unzip();
-        let is_known = values.len() == deficiency && values.iter().all(|value| *value <= cut);
-        let aj = Spectrum::counted(aj, [rows_aj, n], n, is_known.then_some(&values[..]), self.deadline)?;
+        let (a, _) = Spectrum::counted(a, &self.stacked[0], rows_a, Side::Rows, self.deadline)?;
+        let (aj, null_directions) = Spectrum::counted(aj, &self.stacked[1], rows_aj, Side::Columns, self.deadline)?;
         Some(Regularity { a, aj, null_directions })
     }
 }

@@ -106,33 +106,59 @@ impl StagedSpectrum {
         Some(count)
     }
 
-    /// The singular value with `index` (0 the largest), which is between `low` and `high`, to a relative `precision`.
-    pub fn value(&mut self, index: usize, (mut low, mut high): (f64, f64), precision: f64) -> Option<f64> {
-        while high > low * (1.0 + precision) {
+    /// The singular value with `index` (0 the largest), which is between `low` and `high`, to a relative `precision`; two counts if it is
+    /// as near to `about`.
+    pub fn value(
+        &mut self,
+        index: usize,
+        (mut low, mut high): (f64, f64),
+        precision: f64,
+        about: Option<f64>,
+    ) -> Option<f64> {
+        let half = (1.0 + precision).sqrt();
+        let guesses = about.into_iter().flat_map(|about| [about / half, about * half]);
+        for middle in guesses {
+            if low < middle && middle < high {
+                if self.count_above(middle)? > index { low = middle } else { high = middle }
+            }
+        }
+        while high > low * (1.0 + precision) * (1.0 + 1e-12) {
             let middle = (low * high).sqrt();
             if self.count_above(middle)? > index { low = middle } else { high = middle }
         }
         Some((low * high).sqrt())
     }
 
-    /// Orthonormal vectors of the space of the right singular vectors with σ ≤ `cut`, each with its singular value within the subspace, largest
-    /// first: `count` of them, or all there are, which are the singular vectors then. `m` is the matrix last set; one factorisation and
-    /// subspace iteration. A value above the cut says that it has not got there. `None` if a value is not finite.
-    pub fn null_space(&mut self, m: &Sparse, cut: f64, count: usize) -> Option<Vec<(f64, Vec<f64>)>> {
-        let columns = self.columns;
-        let dimension = columns - self.count_above(cut)?;
+    /// What is at and just above `cut`, by one factorisation and subspace iteration. `missing`: how many singular values of this side are at or
+    /// below it, `count` of which are wanted. `m` is the matrix last set. `None` if a value is not finite.
+    pub fn near(&mut self, m: &Sparse, side: Side, cut: f64, missing: usize, count: usize) -> Option<NearCut> {
+        let (range, across) = match side {
+            Side::Columns => (0..self.columns, self.rows),
+            Side::Rows => (self.columns..self.rows + self.columns, self.columns),
+        };
         // If all are wanted, a few more part them from what is just above the cut.
-        let (count, guards) = if count < dimension { (count, 0) } else { (dimension, GUARDS) };
-        let width = (count + guards).min(columns).min(self.rows);
+        let (count, guards) = if count < missing { (count, 0) } else { (missing, GUARDS) };
+        let width = (count + guards).min(range.len()).min(across);
+        if width == 0 {
+            return Some(NearCut { below: Vec::new(), above: None });
+        }
+        let mut is_zero = vec![matches!(side, Side::Rows); range.len()];
+        if let Side::Rows = side {
+            m.entries().filter(|&(_, _, slot)| m.values[slot] != 0.0).for_each(|(row, ..)| is_zero[row] = false);
+        }
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(0);
-        let mut basis = Mat::from_fn(columns, width, |_, _| rng.random_range(-1.0..1.0));
-        let mut x = vec![0.0; self.rows + columns];
+        let mut basis = Mat::from_fn(range.len(), width, |i, _| {
+            let value = rng.random_range(-1.0..1.0);
+            if is_zero[i] { 0.0 } else { value }
+        });
+        self.count_above(cut)?;
+        let mut x = vec![0.0; self.rows + self.columns];
         for _ in 0..INVERSE_ITERATIONS {
             for k in 0..width {
-                (0..columns).for_each(|i| x[i] = basis[(i, k)]);
-                x[columns..].fill(0.0);
+                x.fill(0.0);
+                range.clone().enumerate().for_each(|(i, at)| x[at] = basis[(i, k)]);
                 self.factors.solve(&mut x);
-                (0..columns).for_each(|i| basis[(i, k)] = x[i]);
+                range.clone().enumerate().for_each(|(i, at)| basis[(i, k)] = x[at]);
             }
             if !basis.is_all_finite() {
                 return None;
@@ -140,19 +166,39 @@ impl StagedSpectrum {
             basis = Qr::new(basis.as_ref()).compute_thin_Q();
         }
         // Rayleigh and Ritz: the singular vectors of M within the subspace.
-        let mut image = Mat::zeros(self.rows, width);
-        let mut y = vec![0.0; self.rows];
+        let mut image = Mat::zeros(across, width);
         for k in 0..width {
-            let column: Vec<f64> = (0..columns).map(|i| basis[(i, k)]).collect();
-            y.fill(0.0);
-            m.add_product(1.0, &column, &mut y);
-            (0..self.rows).for_each(|i| image[(i, k)] = y[i]);
+            let vector: Vec<f64> = (0..range.len()).map(|i| basis[(i, k)]).collect();
+            let mut y = vec![0.0; across];
+            match side {
+                Side::Columns => m.add_product(1.0, &vector, &mut y),
+                Side::Rows => m.add_transpose_product(1.0, &vector, &mut y),
+            }
+            (0..across).for_each(|i| image[(i, k)] = y[i]);
         }
         let svd = Qr::new(image.as_ref()).thin_R().to_owned().svd().ok()?;
         let (values, vectors) = (svd.S().column_vector(), &basis * svd.V());
-        let of = |k: usize| (values[k], (0..columns).map(|i| vectors[(i, k)]).collect());
-        Some((width.saturating_sub(count)..width).map(of).collect())
+        let first = width.saturating_sub(count);
+        let of = |k: usize| (values[k], (0..range.len()).map(|i| vectors[(i, k)]).collect());
+        Some(NearCut { below: (first..width).map(of).collect(), above: first.checked_sub(1).map(|k| values[k]) })
     }
+}
+
+/// Whose singular vectors: the columns' (right) or the rows' (left).
+#[derive(Clone, Copy, Debug)]
+pub enum Side {
+    Columns,
+    Rows,
+}
+
+/// What is near a cut.
+#[derive(Clone, Debug)]
+pub struct NearCut {
+    /// Orthonormal vectors of the space of the singular vectors with σ ≤ cut, each with its singular value within the subspace, largest first:
+    /// as many as were wanted; the singular vectors themselves if those are all. A value above the cut says that it has not got there.
+    pub below: Vec<(f64, Vec<f64>)>,
+    /// About the smallest singular value above the cut; not if only some of those below were wanted.
+    pub above: Option<f64>,
 }
 
 const POWER_ITERATIONS: usize = 200;
@@ -196,21 +242,35 @@ mod tests {
             assert!((spectrum.sigma_max() / svd.singular_values[0] - 1.0).abs() < 1e-2);
             assert_eq!(spectrum.count_above(svd.tolerance), Some(svd.rank));
             let last = svd.rank - 1;
-            let value = spectrum.value(last, (svd.tolerance, svd.singular_values[0] * 1.01), 1e-6).unwrap();
-            assert!((value / svd.singular_values[last] - 1.0).abs() < 1e-5);
-            let null_space = spectrum.null_space(&m, svd.tolerance, columns).unwrap();
-            assert_eq!(null_space.len(), columns - svd.rank);
-            for (a, (value, x)) in null_space.iter().enumerate() {
-                let mut y = vec![0.0; rows];
-                m.add_product(1.0, x, &mut y);
-                assert!(y.iter().all(|v| v.abs() < 1e-12) && *value < 1e-12, "{value}: {y:?}");
-                for (b, (_, other)) in null_space.iter().enumerate() {
-                    let product: f64 = x.iter().zip(other).map(|(x, o)| x * o).sum();
-                    assert!((product - f64::from(u8::from(a == b))).abs() < 1e-12);
-                }
+            let bracket = (svd.tolerance, svd.singular_values[0] * 1.01);
+            for about in [None, Some(1.1 * svd.singular_values[last]), Some(svd.singular_values[last])] {
+                let value = spectrum.value(last, bracket, 1e-6, about).unwrap();
+                assert!((value / svd.singular_values[last] - 1.0).abs() < 1e-5);
             }
-            if null_space.len() > 1 {
-                assert_eq!(spectrum.null_space(&m, svd.tolerance, 1).unwrap().len(), 1);
+            for side in [Side::Columns, Side::Rows] {
+                let rows_in_use = (0..rows).filter(|&i| (0..columns).any(|j| dense[(i, j)] != 0.0)).count();
+                let (length, missing) = match side {
+                    Side::Columns => (columns, columns - svd.rank),
+                    Side::Rows => (rows, rows_in_use - svd.rank),
+                };
+                let near = spectrum.near(&m, side, svd.tolerance, missing, length).unwrap();
+                assert_eq!(near.below.len(), missing);
+                assert!(near.above.is_none_or(|above| (above / svd.singular_values[last] - 1.0).abs() < 0.5));
+                for (a, (value, x)) in near.below.iter().enumerate() {
+                    let mut y = vec![0.0; rows.max(columns)];
+                    match side {
+                        Side::Columns => m.add_product(1.0, x, &mut y),
+                        Side::Rows => m.add_transpose_product(1.0, x, &mut y),
+                    }
+                    assert!(y.iter().all(|v| v.abs() < 1e-12) && *value < 1e-12, "{value}: {y:?}");
+                    for (b, (_, other)) in near.below.iter().enumerate() {
+                        let product: f64 = x.iter().zip(other).map(|(x, o)| x * o).sum();
+                        assert!((product - f64::from(u8::from(a == b))).abs() < 1e-12);
+                    }
+                }
+                if missing > 1 {
+                    assert_eq!(spectrum.near(&m, side, svd.tolerance, missing, 1).unwrap().below.len(), 1);
+                }
             }
         }
     }
