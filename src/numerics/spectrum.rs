@@ -152,8 +152,10 @@ impl StagedSpectrum {
             if is_zero[i] { 0.0 } else { value }
         });
         self.count_above(cut)?;
-        let mut x = vec![0.0; self.rows + self.columns];
-        for _ in 0..INVERSE_ITERATIONS {
+        let first = width.saturating_sub(count);
+        let mut last = f64::INFINITY;
+        for iteration in 1.. {
+            let mut x = vec![0.0; self.rows + self.columns];
             for k in 0..width {
                 x.fill(0.0);
                 range.clone().enumerate().for_each(|(i, at)| x[at] = basis[(i, k)]);
@@ -164,23 +166,29 @@ impl StagedSpectrum {
                 return None;
             }
             basis = Qr::new(basis.as_ref()).compute_thin_Q();
-        }
-        // Rayleigh and Ritz: the singular vectors of M within the subspace.
-        let mut image = Mat::zeros(across, width);
-        for k in 0..width {
-            let vector: Vec<f64> = (0..range.len()).map(|i| basis[(i, k)]).collect();
-            let mut y = vec![0.0; across];
-            match side {
-                Side::Columns => m.add_product(1.0, &vector, &mut y),
-                Side::Rows => m.add_transpose_product(1.0, &vector, &mut y),
+            // Rayleigh and Ritz: the singular vectors of M within the subspace.
+            let mut image = Mat::zeros(across, width);
+            for k in 0..width {
+                let vector: Vec<f64> = (0..range.len()).map(|i| basis[(i, k)]).collect();
+                let mut y = vec![0.0; across];
+                match side {
+                    Side::Columns => m.add_product(1.0, &vector, &mut y),
+                    Side::Rows => m.add_transpose_product(1.0, &vector, &mut y),
+                }
+                (0..across).for_each(|i| image[(i, k)] = y[i]);
             }
-            (0..across).for_each(|i| image[(i, k)] = y[i]);
+            let svd = Qr::new(image.as_ref()).thin_R().to_owned().svd().ok()?;
+            let values = svd.S().column_vector();
+            let above = first.checked_sub(1).map(|k| values[k]);
+            let before = std::mem::replace(&mut last, above.unwrap_or(0.0));
+            let has_settled = iteration >= LEAST_ITERATIONS && (before - last).abs() <= SETTLED * last;
+            if has_settled || iteration == MOST_ITERATIONS {
+                let vectors = &basis * svd.V();
+                let of = |k: usize| (values[k], (0..range.len()).map(|i| vectors[(i, k)]).collect());
+                return Some(NearCut { below: (first..width).map(of).collect(), above });
+            }
         }
-        let svd = Qr::new(image.as_ref()).thin_R().to_owned().svd().ok()?;
-        let (values, vectors) = (svd.S().column_vector(), &basis * svd.V());
-        let first = width.saturating_sub(count);
-        let of = |k: usize| (values[k], (0..range.len()).map(|i| vectors[(i, k)]).collect());
-        Some(NearCut { below: (first..width).map(of).collect(), above: first.checked_sub(1).map(|k| values[k]) })
+        None
     }
 }
 
@@ -202,7 +210,10 @@ pub struct NearCut {
 }
 
 const POWER_ITERATIONS: usize = 200;
-const INVERSE_ITERATIONS: usize = 4;
+/// Inverse iterations; they end when the value above the cut changes by no more than this share.
+const LEAST_ITERATIONS: usize = 4;
+const MOST_ITERATIONS: usize = 12;
+const SETTLED: f64 = 1e-3;
 const GUARDS: usize = 2;
 
 #[cfg(test)]
