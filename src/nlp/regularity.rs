@@ -109,14 +109,8 @@ impl Spectrum {
         if deadline.passed() {
             return None;
         }
-        let spectrum = Self {
-            rank,
-            deficiency,
-            tolerance,
-            sigma_max: Some(sigma_max),
-            around_cut,
-            above_band: (high, low),
-        };
+        let spectrum =
+            Self { rank, deficiency, tolerance, sigma_max: Some(sigma_max), around_cut, above_band: (high, low) };
         Some((spectrum, vectors))
     }
 

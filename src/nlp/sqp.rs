@@ -370,7 +370,8 @@ impl Sqp<'_> {
             }
             self.curved = damping > self.damping;
             let whole = accepted.fraction == 1.0;
-            self.damping = if whole && attempt == 0 && !self.curved { (LOWER * damping).max(self.floor) } else { damping };
+            self.damping =
+                if whole && attempt == 0 && !self.curved { (LOWER * damping).max(self.floor) } else { damping };
             let direction = self.take(step, accepted, leaps, record);
             let creeps = self.here.kkt_error().largest() > CREEPING * error.largest();
             let is_short = self.convexified || error.largest() < 1.0 && damping > SHORTENING;
@@ -388,14 +389,23 @@ impl Sqp<'_> {
         self.is_at_hand = false;
         let was_convexified = std::mem::take(&mut self.convexified);
         let far = self.here.kkt_error().largest() > FAR && !self.is_plain;
-        let mut hopeless = was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(EXACT_DAMPING)));
+        let mut hopeless =
+            was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(EXACT_DAMPING)));
         if let Some(guess) = &self.active {
             let error = self.here.kkt_error().largest();
             // What was lowered with the convexified Hessian says nothing of the exact one.
             let usual = if was_convexified { damping.max(DAMPING_PER_ERROR * error) } else { *damping };
             if !hopeless && self.is_settled {
                 let mut exact = usual;
-                let found = active_set::solve(self.kkt, &self.here, &self.hessian, &self.metric, &mut exact, EXACT_DAMPING, guess);
+                let found = active_set::solve(
+                    self.kkt,
+                    &self.here,
+                    &self.hessian,
+                    &self.metric,
+                    &mut exact,
+                    EXACT_DAMPING,
+                    guess,
+                );
                 if let Ok(step) = found {
                     self.is_at_hand = true;
                     *damping = exact;
@@ -431,7 +441,9 @@ impl Sqp<'_> {
                 if delta > less && curvature == Curvature::Exact {
                     let most = less.max(delta / RAISE);
                     let (here, metric) = (&self.here, &self.metric);
-                    if let Ok(better) = active_set::solve(self.kkt, here, hessian, metric, &mut less, most, &step.active) {
+                    if let Ok(better) =
+                        active_set::solve(self.kkt, here, hessian, metric, &mut less, most, &step.active)
+                    {
                         (step, delta) = (better, less);
                     }
                 }

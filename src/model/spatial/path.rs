@@ -331,8 +331,8 @@ impl SpatialPath {
         for (point, way) in moved {
             let PathPoint { place, moves: Some((by, slope)) } = &self.points[point] else { continue };
             let along_slope = crate::skeleton::frame::dot(&way, &turned(q, place.body, *slope));
-            let angle: Jet<f64, 24> = self.angle(by, q);
-            (0..self.slots.len()).for_each(|i| out.gradient[i] += along_slope * angle.gradient[i]);
+            let angle: [f64; 24] = self.angle_slopes(by, q);
+            (0..self.slots.len()).for_each(|i| out.gradient[i] += along_slope * angle[i]);
         }
     }
 
@@ -389,6 +389,17 @@ impl SpatialPath {
         angle
     }
 
+    /// The slopes of [`SpatialPath::angle`].
+    fn angle_slopes<const N: usize>(&self, by: &Elevation, q: &[f64]) -> [f64; N] {
+        let u: Moving<N> = self.direction(by.parent, by.axes[0], q);
+        let v: Moving<N> = self.direction(by.child, by.axes[1], q);
+        let [c, _] = by.cosine;
+        let x: f64 = ((0..3).map(|i| u.at[i] * v.at[i]).sum::<f64>() / c).clamp(-1.0, 1.0);
+        let sine = (1.0 - x * x).max(1e-16).sqrt();
+        let slope = |k: usize| (0..3).map(|i| u.slopes[i][k] * v.at[i] + u.at[i] * v.slopes[i][k]).sum::<f64>();
+        std::array::from_fn(|k| -slope(k) / (c * sine))
+    }
+
     /// A direction of a body, in the ground's axes.
     fn direction<const N: usize>(&self, body: Option<usize>, x: Vector, q: &[f64]) -> Moving<N> {
         let mut moving = Moving { at: turned(q, body, x), slopes: [[0.0; N]; 3] };
@@ -420,9 +431,9 @@ impl SpatialPath {
                 let PathPoint { place, moves } = &self.points[point];
                 let mut moving = self.fixed(place.body, self.local(point, q), q);
                 if let Some((by, slope)) = moves {
-                    let (angle, slope): (Jet<f64, N>, _) = (self.angle(by, q), turned(q, place.body, *slope));
+                    let (angle, slope) = (self.angle_slopes::<N>(by, q), turned(q, place.body, *slope));
                     for i in 0..3 {
-                        (0..N).for_each(|k| moving.slopes[i][k] += slope[i] * angle.gradient[k]);
+                        (0..N).for_each(|k| moving.slopes[i][k] += slope[i] * angle[k]);
                     }
                 }
                 moving
