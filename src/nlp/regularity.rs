@@ -27,7 +27,7 @@ const AROUND_CUT: usize = 6;
 /// Between these fractions of σ_max a singular value is neither clearly zero nor clearly not.
 const AMBIGUOUS: (f64, f64) = (1e-15, 1e-9);
 /// Singular values above the cut are known to this relative precision; those below, which are rounding, to a factor of two.
-const PRECISION: f64 = 1e-2;
+const PRECISION: f64 = 1e-3;
 const ROUGHLY: f64 = 1.0;
 /// Below this share of σ_max no singular value is looked for.
 const LEAST: f64 = 1e-18;

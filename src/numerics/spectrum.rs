@@ -213,7 +213,7 @@ const POWER_ITERATIONS: usize = 200;
 /// Inverse iterations; they end when the value above the cut changes by no more than this share.
 const LEAST_ITERATIONS: usize = 4;
 const MOST_ITERATIONS: usize = 12;
-const SETTLED: f64 = 1e-3;
+const SETTLED: f64 = 1e-4;
 const GUARDS: usize = 2;
 
 #[cfg(test)]
