@@ -148,8 +148,8 @@ pub fn solve(
         };
         if !is_right(*damping) {
             // Where the largest δ is not enough, none between is tried.
-            let is_hopeless =
-                taken == 0 && most.is_finite() && !std::mem::replace(&mut has_asked, true) && !is_right(most);
+            let may_ask = taken == 0 && most.is_finite() && *damping < most;
+            let is_hopeless = may_ask && !std::mem::replace(&mut has_asked, true) && !is_right(most);
             raise(damping)?;
             if is_hopeless || *damping > most {
                 return Err(NoStep::Singular);

@@ -9,12 +9,12 @@
 //!                   4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (qp)
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
-//!     extend        a step that δ has kept short, for as long as the objective falls
+//!     extend        a step that δ or the convexified Hessian has kept short, for as long as the objective falls
 //!     on failure    raise δ; then restore feasibility (by Clarabel); then give up as `stalled` or `infeasible`
 //! ```
 //!
 //! δ D is a proximal term in the problem's own metric D. It is raised until H + δ D is positive definite on the
-//! null space of the active constraints (known from the factorisation's inertia) and falls by five after each full step,
+//! null space of the active constraints (known from the factorisation's inertia) and falls by five after each full step that did not raise it,
 //! so that the last steps are Newton's and converge quadratically. Far from a solution the convexified Hessian is the
 //! better model: a δ that covers all negative curvature shortens every step, leaving it out only those along it.
 //!
@@ -137,9 +137,9 @@ const LONGEST_LEAP: f64 = 64.0;
 const CREEPING: f64 = 0.7;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
+const FEW: usize = 200;
 /// KKT error above which what has been convexified stays so.
 const FAR: f64 = 1.0;
-const FEW: usize = 200;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
 const PER_ERROR: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
@@ -653,7 +653,7 @@ impl Sqp<'_> {
         point.differentiate(self.problem);
     }
 
-    /// Against negative curvature, or where the Lagrangian is flat, it is δ that makes a step short: goes on along it, doubling,
+    /// Against negative curvature, or where the Lagrangian is flat, δ or the convexified Hessian makes a step short: goes on along it, doubling,
     /// for as long as the objective falls, with two steps back to the constraints each time.
     fn extend(&mut self, direction: &[f64], damping: f64, record: &mut Record) {
         let active = self.active.clone().unwrap_or_default();
