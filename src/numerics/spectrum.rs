@@ -115,12 +115,16 @@ impl StagedSpectrum {
         precision: f64,
         about: Option<f64>,
     ) -> Option<f64> {
-        let half = (1.0 + precision).sqrt();
-        let guesses = about.into_iter().flat_map(|about| [about / half, about * half]);
-        for middle in guesses {
-            if low < middle && middle < high {
-                if self.count_above(middle)? > index { low = middle } else { high = middle }
+        if let Some(about) = about.filter(|about| low < *about && *about < high) {
+            // It is no larger than `about` but for rounding: down from there in growing steps.
+            let mut step = (1.0 + precision).sqrt();
+            let mut middle = (about * step).min(high);
+            while low < middle && self.count_above(middle)? <= index {
+                high = middle;
+                middle = about / step;
+                step = step.powi(4);
             }
+            low = low.max(middle);
         }
         while high > low * (1.0 + precision) * (1.0 + 1e-12) {
             let middle = (low * high).sqrt();
