@@ -240,8 +240,11 @@ impl RankCounter {
         Some((rows_a - rank_a, n - rank_aj))
     }
 
-    /// Ranks and the spectra near the cuts.
+    /// Ranks and the spectra near the cuts. `None` if not finite or too late.
     pub fn analyse(&mut self, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
+        if self.deadline.passed() {
+            return None;
+        }
         self.set(iterate, active);
         let (rows_a, rows_aj, _) = self.sizes(active.len());
         let [a, aj] = &mut self.spectra;

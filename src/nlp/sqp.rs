@@ -187,10 +187,10 @@ struct Sqp<'p> {
     interior: Option<Interior>,
     /// Whether the interior point is the plain one.
     is_plain: bool,
-    /// Whether the factorisation at hand is that of the last sub-problem's step.
-    is_at_hand: bool,
     /// Whether it is so for this iteration.
     is_stuck: bool,
+    /// Whether the factorisation at hand is that of the last sub-problem's step.
+    is_at_hand: bool,
     /// Factorisations before this solve.
     factorised: usize,
 }
@@ -385,14 +385,14 @@ impl Sqp<'_> {
 
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
-        // What had to be convexified is so until the active set settles; then it is asked again.
         self.is_at_hand = false;
+        let error = self.here.kkt_error().largest();
+        // What had to be convexified is so until the active set settles; then it is asked again.
         let was_convexified = std::mem::take(&mut self.convexified);
-        let far = self.here.kkt_error().largest() > FAR && !self.is_plain;
+        let far = error > FAR && !self.is_plain;
         let mut hopeless =
             was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(EXACT_DAMPING)));
         if let Some(guess) = &self.active {
-            let error = self.here.kkt_error().largest();
             // What was lowered with the convexified Hessian says nothing of the exact one.
             let usual = if was_convexified { damping.max(DAMPING_PER_ERROR * error) } else { *damping };
             if !hopeless && self.is_settled {
@@ -415,7 +415,7 @@ impl Sqp<'_> {
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one, no finer than that model deserves.
-            let coarse = (PER_ERROR * self.here.kkt_error().largest()).clamp(interior_point::COARSE, PER_ERROR);
+            let coarse = (PER_ERROR * error).clamp(interior_point::COARSE, PER_ERROR);
             let ways = [
                 (Curvature::Exact, EXACT_DAMPING, interior_point::FINE),
                 (Curvature::Convex, f64::INFINITY, if self.is_plain { interior_point::COARSE } else { coarse }),

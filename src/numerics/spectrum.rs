@@ -158,8 +158,8 @@ impl StagedSpectrum {
         self.count_above(cut)?;
         let first = width.saturating_sub(count);
         let mut last = f64::INFINITY;
+        let mut x = vec![0.0; self.rows + self.columns];
         for iteration in 1.. {
-            let mut x = vec![0.0; self.rows + self.columns];
             for k in 0..width {
                 x.fill(0.0);
                 range.clone().enumerate().for_each(|(i, at)| x[at] = basis[(i, k)]);
