@@ -133,6 +133,7 @@ const CORRECTIONS: usize = 4;
 /// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
 const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
 const LONGEST_LEAP: f64 = 64.0;
+const MUCH: f64 = 0.9;
 /// A step that leaves more than this share of the KKT error creeps.
 const CREEPING: f64 = 0.7;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
@@ -602,14 +603,19 @@ impl Sqp<'_> {
         trial.equality_multipliers.copy_from_slice(&step.equality_multipliers);
         trial.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
         trial.differentiate(self.problem);
-        let much_less = 0.7 * trial.kkt_error().largest();
-        let no_worse =
-            (trial.objective + 1e-13 * trial.objective.abs(), trial.violation().max(self.settings.tolerance));
-        let mut tried: Vec<(f64, Iterate)> = Vec::new();
+        let reached = trial.kkt_error().largest();
+        if reached <= self.settings.target {
+            return;
+        }
+        // What is left of the violation may cost the objective as much as the multipliers say.
+        let cost: f64 = trial.equalities.iter().zip(&trial.equality_multipliers).map(|(c, l)| (c * l).abs()).sum();
+        let highest = trial.objective + cost + 1e-13 * trial.objective.abs();
+        let allowed = trial.violation().max(self.settings.tolerance);
         // With f ~ k/v the error falls as 1/v² and Newton's step is v/2: no further out than it takes.
         let reach = 2.0 * (error.largest() / self.settings.target).sqrt();
         let mut lengths = LEAPS.map(|share| (share * reach.min(LONGEST_LEAP)).max(1.0)).to_vec();
         lengths.dedup();
+        let (mut lowest, mut best) = (f64::INFINITY, None);
         for far in lengths {
             let mut there = trial.clone();
             there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
@@ -623,16 +629,19 @@ impl Sqp<'_> {
                     break;
                 }
             }
-            if error < much_less && there.objective <= no_worse.0 && there.violation() <= no_worse.1 {
-                tried.push((error, there));
+            // No further out than it takes: only what does much better than the shorter one.
+            if error > MUCH * lowest {
+                break;
+            }
+            lowest = error;
+            if error < 0.7 * reached && there.objective <= highest && there.violation() <= allowed {
+                best = Some(there);
                 if error <= self.settings.target {
                     break;
                 }
             }
         }
-        // No further out than it takes: the shortest that does nearly as well as the best.
-        let enough = 2.0 * tried.iter().map(|(error, _)| *error).fold(f64::INFINITY, f64::min);
-        if let Some((_, there)) = tried.into_iter().find(|(error, _)| *error <= enough) {
+        if let Some(there) = best {
             *trial = there;
         }
     }
