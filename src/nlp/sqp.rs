@@ -119,7 +119,7 @@ const PATIENCE: usize = 30;
 /// Least δ, and after how many such iterations it gives way to an even smaller one. A δ however small keeps muscles that run away from
 /// running further than it takes.
 const USUAL_FLOOR: f64 = 1e-13;
-const IMPATIENCE: usize = 5;
+const IMPATIENCE: usize = 3;
 const FIRST_DAMPING: f64 = 1e-2;
 /// Δ of the proximal term in Clarabel's sub-problem.
 const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e6);
@@ -133,7 +133,11 @@ const CORRECTIONS: usize = 4;
 /// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
 const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
 const LONGEST_LEAP: f64 = 64.0;
-const MUCH: f64 = 0.9;
+/// A longer one must leave less than this share of the KKT error that the one before has left; the best less than this of a plain step's.
+const MUCH: f64 = 0.5;
+const BETTER: f64 = 0.7;
+/// A plain step that leaves less than this share of the KKT error is only corrected.
+const FAST: f64 = 0.1;
 /// A step that leaves more than this share of the KKT error creeps.
 const CREEPING: f64 = 0.7;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
@@ -613,7 +617,8 @@ impl Sqp<'_> {
         let allowed = trial.violation().max(self.settings.tolerance);
         // With f ~ k/v the error falls as 1/v² and Newton's step is v/2: no further out than it takes.
         let reach = 2.0 * (error.largest() / self.settings.target).sqrt();
-        let mut lengths = LEAPS.map(|share| (share * reach.min(LONGEST_LEAP)).max(1.0)).to_vec();
+        let longest = if reached < FAST * error.largest() { 1.0 } else { reach.min(LONGEST_LEAP) };
+        let mut lengths = LEAPS.map(|share| (share * longest).max(1.0)).to_vec();
         lengths.dedup();
         let (mut lowest, mut best) = (f64::INFINITY, None);
         for far in lengths {
@@ -629,12 +634,11 @@ impl Sqp<'_> {
                     break;
                 }
             }
-            // No further out than it takes: only what does much better than the shorter one.
             if error > MUCH * lowest {
                 break;
             }
             lowest = error;
-            if error < 0.7 * reached && there.objective <= highest && there.violation() <= allowed {
+            if error < BETTER * reached && there.objective <= highest && there.violation() <= allowed {
                 best = Some(there);
                 if error <= self.settings.target {
                     break;
