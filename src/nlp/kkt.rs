@@ -48,6 +48,8 @@ pub struct Kkt {
     pub deadline: Deadline,
     /// How many there have been.
     pub factorisations: usize,
+    /// Whether the last [`Kkt::solve_roughly`] with this factorisation needed no refinement.
+    is_accurate: bool,
     residual: Vec<f64>,
     correction: Vec<f64>,
 }
@@ -107,10 +109,11 @@ impl Kkt {
             diagonal_slots: (0..order).map(|i| pattern.slot(i, i)).collect(),
             active: vec![false; mi],
             regularised: matrix.clone(),
-            factors: StagedLdl::new(&matrix, &stage, n..n + me),
+            factors: StagedLdl::new(&matrix, &stage, n..n + me, n + me..order),
             matrix,
             deadline: Deadline::default(),
             factorisations: 0,
+            is_accurate: false,
             residual: vec![0.0; order],
             correction: vec![0.0; order],
         }
@@ -126,6 +129,7 @@ impl Kkt {
             return None;
         }
         self.factorisations += 1;
+        self.is_accurate = false;
         let (n, me) = (self.variables, self.equalities);
         let matrix = &mut self.matrix.values;
         matrix.fill(0.0);
@@ -171,8 +175,16 @@ impl Kkt {
         self.refine(right_hand_side, solution, false, EXACT)
     }
 
-    /// [`Kkt::solve`] to a residual small enough for a step that is corrected by the next one.
+    /// [`Kkt::solve`] to a residual small enough for a step that is corrected by the next one. Where the last such solution with the same
+    /// factorisation needed no refinement this one is not looked at, and its residual taken for as small.
     pub fn solve_roughly(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
+        if self.is_accurate {
+            let n = self.variables + self.equalities;
+            solution.copy_from_slice(right_hand_side);
+            solution[n..].iter_mut().zip(&self.active).filter(|(_, active)| !**active).for_each(|(x, _)| *x = 0.0);
+            self.factors.solve(solution);
+            return ROUGH;
+        }
         solution.fill(0.0);
         self.refine(right_hand_side, solution, false, ROUGH)
     }
@@ -211,6 +223,7 @@ impl Kkt {
             }
             best = size;
             if size < enough {
+                self.is_accurate = refinement == 1 && !regularised && enough == ROUGH;
                 return size;
             }
             self.correction.copy_from_slice(&self.residual);

@@ -107,12 +107,20 @@ impl Sparse {
     /// `out += scale · S · x` for the symmetric S of which `self` holds the upper triangle.
     pub fn add_symmetric_product(&self, scale: f64, x: &[f64], out: &mut [f64]) {
         for column in 0..self.columns {
-            let (factor, mut sum) = (scale * x[column], 0.0);
-            for (row, value) in self.column(column) {
+            let slots = self.column_start[column]..self.column_start[column + 1];
+            let (mut rows, mut values) = (&self.row_index[slots.clone()], &self.values[slots]);
+            let factor = scale * x[column];
+            // The diagonal entry is the last of its column.
+            if let ([above @ .., last], [others @ .., value]) = (rows, values)
+                && *last == column
+            {
+                out[column] += value * factor;
+                (rows, values) = (above, others);
+            }
+            let mut sum = 0.0;
+            for (&row, value) in rows.iter().zip(values) {
                 out[row] += value * factor;
-                if row != column {
-                    sum += value * x[row];
-                }
+                sum += value * x[row];
             }
             out[column] += scale * sum;
         }

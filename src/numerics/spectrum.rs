@@ -48,7 +48,7 @@ impl StagedSpectrum {
             columns,
             slots: m.entries().map(|(i, j, _)| pattern.slot(j, columns + i)).collect(),
             diagonal: (0..order).map(|i| pattern.slot(i, i)).collect(),
-            factors: StagedLdl::new(&matrix, &stages, 0..0),
+            factors: StagedLdl::new(&matrix, &stages, 0..0, columns..order),
             matrix,
             sigma_max: 0.0,
             counted: None,

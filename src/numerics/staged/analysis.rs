@@ -18,11 +18,14 @@ pub struct Pattern {
     pub children: Vec<Vec<usize>>,
     /// (row, column among `own` then `border`, slot in the matrix' values), row ≤ column
     pub entries: Vec<(usize, usize, usize)>,
+    /// Own unknowns that nothing may couple: (place, slot of the diagonal entry); and which of `entries` couple them.
+    pub loose: Vec<(usize, usize)>,
+    pub couplings: Vec<(usize, usize, usize)>,
 }
 
 /// The fronts of `matrix` (upper triangle), each after those that it takes in; `stage[i]` is the stage of unknown i, counted from 0.
-/// `equations` are unknowns with nothing on the diagonal, which are no pivots by themselves.
-pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>) -> Vec<Pattern> {
+/// `equations` are unknowns with nothing on the diagonal, which are no pivots by themselves, `loose` ones that nothing may couple.
+pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Vec<Pattern> {
     let order = matrix.columns;
     let count = stage.iter().max().map_or(0, |last| last + 1);
     // From the last back: what a state follows from comes with it, so that it need not be delayed.
@@ -55,11 +58,11 @@ pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>) -> Vec<
             analysis.part(s, &Pattern { entries, ..stage })
         })
         .collect();
-    numbered(parted, order)
+    numbered(parted, order, loose)
 }
 
 /// From unknowns to places in the fronts, now that the order of elimination is known.
-fn numbered(stages: Vec<Vec<Pattern>>, order: usize) -> Vec<Pattern> {
+fn numbered(stages: Vec<Vec<Pattern>>, order: usize, loose: Range<usize>) -> Vec<Pattern> {
     let (mut rank, mut place) = (vec![0; order], vec![0; order]);
     let own = stages.iter().flatten().flat_map(|front| &front.own);
     own.enumerate().for_each(|(when, &i)| rank[i] = when);
@@ -69,9 +72,15 @@ fn numbered(stages: Vec<Vec<Pattern>>, order: usize) -> Vec<Pattern> {
         for front in &mut stage {
             front.border.sort_unstable_by_key(|&i| rank[i]);
             front.own.iter().chain(&front.border).enumerate().for_each(|(at, &i)| place[i] = at);
-            for (row, column, _) in &mut front.entries {
+            let is_loose = |&at: &usize| front.own.get(at).is_some_and(|i| loose.contains(i));
+            for (row, column, slot) in &mut front.entries {
                 let places = (place[*row], place[*column]);
                 (*row, *column) = (places.0.min(places.1), places.0.max(places.1));
+                if row == column && is_loose(row) {
+                    front.loose.push((*row, *slot));
+                } else if [*row, *column].iter().any(is_loose) {
+                    front.couplings.push((*row, *column, *slot));
+                }
             }
         }
         // The last one takes in the others; its places are those left in `place`.
@@ -106,74 +115,101 @@ impl Analysis {
         if let Some(&limit) = self.best.get(&kind) {
             return limit.map_or_else(|| vec![stage.clone()], |limit| self.parted(s, stage, limit));
         }
-        let (mut best, mut chosen) = (vec![stage.clone()], None);
+        let (mut least, mut chosen) = (work(stage.own.len(), stage.border.len()), None);
         for &limit in &kind.3 {
-            let parts = self.parted(s, stage, limit);
-            if work(&parts) < work(&best) {
-                (best, chosen) = (parts, Some(limit));
+            let groups = self.groups(s, stage, limit);
+            let all = self.work(stage, groups);
+            if all < least {
+                (least, chosen) = (all, Some(limit));
             }
         }
         self.best.insert(kind, chosen);
-        best
+        chosen.map_or_else(|| vec![stage.clone()], |limit| self.parted(s, stage, limit))
     }
 
-    /// The fronts of a stage: the connected groups of the unknowns with few neighbours, and the rest.
+    /// Numbers the connected groups of the unknowns with few neighbours, as they come; those without a pivot are none. Returns how many.
+    fn groups(&mut self, s: usize, stage: &Pattern, few: usize) -> usize {
+        // Each points to one of its group that comes no later.
+        let mut first: Vec<usize> = (0..stage.own.len()).collect();
+        fn root(first: &mut [usize], mut at: usize) -> usize {
+            while first[at] != at {
+                first[at] = first[first[at]];
+                at = first[at];
+            }
+            at
+        }
+        for (at, &i) in stage.own.iter().enumerate() {
+            self.group[i] = (self.met[i] == s && self.degree[i] <= few).then_some(at);
+        }
+        for &(i, j, _) in &stage.entries {
+            if let (Some(a), Some(b)) = (self.group[i], self.group[j])
+                && a != b
+            {
+                let (a, b) = (root(&mut first, a), root(&mut first, b));
+                first[a.max(b)] = a.min(b);
+            }
+        }
+        let mut has_pivot = vec![false; stage.own.len()];
+        for (at, &i) in stage.own.iter().enumerate() {
+            if self.group[i].is_some() && !self.equations.contains(&i) {
+                has_pivot[root(&mut first, at)] = true;
+            }
+        }
+        let (mut number, mut count) = (vec![None; stage.own.len()], 0);
+        for (at, &i) in stage.own.iter().enumerate() {
+            let root = root(&mut first, at);
+            if self.group[i].is_some() && has_pivot[root] && number[root].is_none() {
+                number[root] = Some(count);
+                count += 1;
+            }
+            self.group[i] = self.group[i].and(number[root]);
+        }
+        count
+    }
+
+    /// Work of the fronts of a stage parted into the groups that are set.
+    fn work(&self, stage: &Pattern, groups: usize) -> usize {
+        let (mut own, mut border) = (vec![0; groups + 1], vec![0; groups + 1]);
+        stage.own.iter().for_each(|&i| own[self.group[i].unwrap_or(groups)] += 1);
+        let mut met: Vec<(usize, usize)> = self.borders(stage).collect();
+        met.sort_unstable();
+        met.dedup();
+        met.iter().for_each(|&(group, _)| border[group] += 1);
+        border[groups] = stage.border.len();
+        own.iter().zip(&border).map(|(&own, &border)| work(own, border)).sum()
+    }
+
+    /// (group, unknown that it meets outside), as often as it does.
+    fn borders<'a>(&'a self, stage: &'a Pattern) -> impl Iterator<Item = (usize, usize)> + 'a {
+        stage.entries.iter().filter_map(|&(i, j, _)| match (self.group[i], self.group[j]) {
+            (Some(group), None) => Some((group, j)),
+            (None, Some(group)) => Some((group, i)),
+            _ => None,
+        })
+    }
+
+    /// The fronts of a stage: the groups, and the rest.
     fn parted(&mut self, s: usize, stage: &Pattern, few: usize) -> Vec<Pattern> {
-        for (count, &i) in stage.own.iter().enumerate() {
-            self.group[i] = (self.met[i] == s && self.degree[i] <= few).then_some(count);
-        }
-        // The smallest number spreads over each connected group.
-        loop {
-            let mut changed = false;
-            for &(i, j, _) in &stage.entries {
-                if let (Some(a), Some(b)) = (self.group[i], self.group[j])
-                    && a != b
-                {
-                    (self.group[i], self.group[j]) = (Some(a.min(b)), Some(a.min(b)));
-                    changed = true;
-                }
-            }
-            if !changed {
-                break;
-            }
-        }
-        let count = stage.own.len();
-        let mut has_pivot = vec![false; count];
-        for &i in &stage.own {
-            if let Some(group) = self.group[i] {
-                has_pivot[group] |= !self.equations.contains(&i);
-            }
-        }
+        let count = self.groups(s, stage, few);
         let mut fronts = vec![Pattern::default(); count + 1];
         for &i in &stage.own {
-            self.group[i] = self.group[i].filter(|&group| has_pivot[group]);
             fronts[self.group[i].unwrap_or(count)].own.push(i);
         }
-        fronts[count].border.clone_from(&stage.border);
         for &(i, j, slot) in &stage.entries {
             let front = self.group[i].or(self.group[j]).unwrap_or(count);
             fronts[front].entries.push((i, j, slot));
-            if front < count {
-                fronts[front].border.extend([i, j].into_iter().filter(|&i| self.group[i].is_none()));
-            }
         }
+        self.borders(stage).for_each(|(group, i)| fronts[group].border.push(i));
         for front in &mut fronts {
             front.border.sort_unstable();
             front.border.dedup();
         }
-        stage.own.iter().for_each(|&i| self.group[i] = None);
-        let last = fronts.pop();
-        fronts.retain(|front| !front.own.is_empty());
-        fronts.extend(last);
+        fronts[count].border.clone_from(&stage.border);
         fronts
     }
 }
 
-/// Multiplications of the elimination of these fronts.
-fn work(fronts: &[Pattern]) -> usize {
-    let front = |f: &Pattern| {
-        let (n, rest) = (f.own.len() + f.border.len(), f.border.len());
-        FRONT + (n * n * n - rest * rest * rest) / 3
-    };
-    fronts.iter().map(front).sum()
+/// Multiplications of the elimination of a front.
+fn work(own: usize, border: usize) -> usize {
+    FRONT + ((own + border).pow(3) - border.pow(3)) / 3
 }

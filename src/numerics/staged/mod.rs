@@ -129,7 +129,6 @@ impl FrontFactors<'_> {
 /// The factorisation; symbolic once, numeric as often as values change.
 #[derive(Clone, Debug)]
 pub struct StagedLdl {
-    order: usize,
     /// Where each column starts, and the row of each value.
     column_start: Arc<[usize]>,
     rows: Arc<[usize]>,
@@ -157,21 +156,24 @@ struct Work {
     column: Vec<usize>,
     /// The column of each unknown of a front that is taken in.
     target: Vec<usize>,
+    /// Of each row, while it is equilibrated.
+    largest: Vec<f64>,
+    /// A front's part of a right-hand side.
+    local: Vec<Lane>,
 }
 
 const ABSENT: usize = usize::MAX;
 
 impl StagedLdl {
     /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0. `equations` are unknowns
-    /// with nothing on the diagonal.
-    pub fn new(matrix: &Sparse, stage: &[usize], equations: Range<usize>) -> Self {
+    /// with nothing on the diagonal, `loose` ones of which some may have nothing else.
+    pub fn new(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Self {
         Self {
-            order: matrix.columns,
             column_start: matrix.column_start.clone(),
             rows: matrix.row_index.clone(),
             scale: vec![1.0; matrix.columns],
             scaled: vec![0.0; matrix.values.len()],
-            fronts: fronts(matrix, stage, equations),
+            fronts: fronts(matrix, stage, equations, loose),
             factors: Factors::default(),
             work: Work::default(),
         }
@@ -192,28 +194,32 @@ impl StagedLdl {
     /// S so that the largest entry of each row of S K S is near 1 (D. Ruiz, RAL-TR-2001-034): pivots are then judged against
     /// entries of like size. The signs of the eigenvalues stay.
     fn equilibrate(&mut self, values: &[f64]) {
-        self.scale.fill(1.0);
-        let mut largest = vec![0.0f64; self.order];
+        let Self { scale, scaled, rows, column_start, work: Work { largest, .. }, .. } = self;
+        scale.fill(1.0);
         for _ in 0..EQUILIBRATIONS {
-            largest.fill(0.0);
-            for (j, column) in self.column_start.windows(2).enumerate() {
-                let (scale, mut of_column) = (self.scale[j], largest[j]);
-                for (&i, value) in self.rows[column[0]..column[1]].iter().zip(&values[column[0]..column[1]]) {
-                    let size = (value * self.scale[i] * scale).abs();
-                    largest[i] = if size > largest[i] { size } else { largest[i] };
+            largest.clear();
+            largest.resize(scale.len(), 0.0f64);
+            for (j, column) in column_start.windows(2).enumerate() {
+                let (of_scale, mut of_column) = (scale[j], largest[j]);
+                for (&i, value) in rows[column[0]..column[1]].iter().zip(&values[column[0]..column[1]]) {
+                    let size = (value * scale[i] * of_scale).abs();
+                    let of_row = &mut largest[i];
+                    *of_row = if size > *of_row { size } else { *of_row };
                     of_column = if size > of_column { size } else { of_column };
                 }
                 largest[j] = if of_column > largest[j] { of_column } else { largest[j] };
             }
-            for (scale, largest) in self.scale.iter_mut().zip(&largest) {
+            for (scale, largest) in scale.iter_mut().zip(&*largest) {
                 if *largest > 0.0 {
                     *scale /= largest.sqrt();
                 }
             }
         }
-        for (j, column) in self.column_start.windows(2).enumerate() {
-            for slot in column[0]..column[1] {
-                self.scaled[slot] = values[slot] * self.scale[self.rows[slot]] * self.scale[j];
+        for (j, column) in column_start.windows(2).enumerate() {
+            let slots = column[0]..column[1];
+            let of_column = rows[slots.clone()].iter().zip(&values[slots.clone()]);
+            for ((&i, value), scaled) in of_column.zip(&mut scaled[slots]) {
+                *scaled = value * scale[i] * scale[j];
             }
         }
     }
@@ -239,21 +245,24 @@ impl StagedLdl {
                 true => inertia.negative += 2,
             }
         }
-        flat(rows).iter().all(|value| value.is_finite()).then_some(inertia)
+        // Not a number once any is not finite.
+        let mut zeros = ZERO;
+        rows.iter().for_each(|lane| zeros.0.iter_mut().zip(lane.0).for_each(|(zero, value)| *zero += 0.0 * value));
+        zeros.0.iter().all(|zero| !zero.is_nan()).then_some(inertia)
     }
 
     /// Solves in place with the last factorisation.
-    pub fn solve(&self, x: &mut [f64]) {
-        debug_assert_eq!(x.len(), self.order);
-        x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
-        let mut local = Vec::new();
-        let fronts = 0..self.factors.fronts.len();
-        fronts.clone().for_each(|f| self.factors.front(f).apply(front::forward, x, &mut local));
-        for &(i, inverse) in &self.factors.alone {
+    pub fn solve(&mut self, x: &mut [f64]) {
+        debug_assert_eq!(x.len(), self.scale.len());
+        let Self { scale, factors, work: Work { local, .. }, .. } = self;
+        x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
+        let fronts = 0..factors.fronts.len();
+        fronts.clone().for_each(|f| factors.front(f).apply(front::forward, x, local));
+        for &(i, inverse) in &factors.alone {
             x[i] *= inverse;
         }
-        fronts.rev().for_each(|f| self.factors.front(f).apply(front::backward, x, &mut local));
-        x.iter_mut().zip(&self.scale).for_each(|(x, scale)| *x *= scale);
+        fronts.rev().for_each(|f| factors.front(f).apply(front::backward, x, local));
+        x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
     }
 }
 
@@ -324,16 +333,17 @@ impl Work {
         let own = pattern.own.len();
         let Self { rests, unknowns, column, .. } = self;
         column.clear();
-        column.resize(own + pattern.border.len(), ABSENT);
+        column.resize(own + pattern.border.len(), 0);
         // Coupled: for now just not absent.
+        pattern.loose.iter().for_each(|&(i, _)| column[i] = ABSENT);
         pattern.children.iter().flatten().for_each(|&i| column[i] = 0);
-        for &(i, j, slot) in &pattern.entries {
-            if i != j && values[slot] != 0.0 {
+        for &(i, j, slot) in &pattern.couplings {
+            if values[slot] != 0.0 {
                 (column[i], column[j]) = (0, 0);
             }
         }
-        for &(i, j, slot) in &pattern.entries {
-            if i == j && column[i] == ABSENT {
+        for &(i, slot) in &pattern.loose {
+            if column[i] == ABSENT {
                 factors.alone.push((pattern.own[i], 1.0 / values[slot]));
             }
         }
