@@ -441,15 +441,15 @@ impl Sqp<'_> {
                 let found =
                     interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, manner, interior);
                 let Ok(mut step) = found else { continue };
+                self.is_at_hand = true;
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = least;
                 if delta > less && curvature == Curvature::Exact {
                     let most = less.max(delta / RAISE);
                     let (here, metric) = (&self.here, &self.metric);
-                    if let Ok(better) =
-                        active_set::solve(self.kkt, here, hessian, metric, &mut less, most, &step.active)
-                    {
-                        (step, delta) = (better, less);
+                    match active_set::solve(self.kkt, here, hessian, metric, &mut less, most, &step.active) {
+                        Ok(better) => (step, delta) = (better, less),
+                        Err(_) => self.is_at_hand = false,
                     }
                 }
                 let changed = step.active.iter().zip(guess).filter(|(now, before)| now != before).count();
@@ -468,6 +468,7 @@ impl Sqp<'_> {
         let found =
             interior_point::solve(kkt, &self.here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
         if let Ok(step) = found {
+            self.is_at_hand = true;
             return Ok(step);
         }
         let mut hessian = self.gauss_newton.clone();
@@ -576,7 +577,7 @@ impl Sqp<'_> {
         let mut trial = trial.clone();
         let mut last = trial.violation();
         for _ in 0..CORRECTIONS {
-            self.reduce_violation(&mut trial);
+            self.reduce_violation(&mut trial, &step.active);
             let reached = (trial.violation(), trial.objective);
             let verdict = self.filter.judge(before, error.largest(), slope, 1.0, reached);
             if verdict != Verdict::Rejected {
@@ -591,11 +592,12 @@ impl Sqp<'_> {
     }
 
     /// One step on the constraints of `trial` with the factorisation at hand.
-    fn reduce_violation(&mut self, trial: &mut Iterate) {
+    fn reduce_violation(&mut self, trial: &mut Iterate, active: &[bool]) {
         let (n, me) = (trial.x.len(), trial.equalities.len());
         let mut right = vec![0.0; self.kkt.order()];
         right[n..n + me].iter_mut().zip(&trial.equalities).for_each(|(r, c)| *r = -c);
-        right[n + me..].iter_mut().zip(&trial.inequalities).for_each(|(r, d)| *r = -d);
+        let inequalities = right[n + me..].iter_mut().zip(&trial.inequalities).zip(active);
+        inequalities.for_each(|((r, d), active)| *r = if *active { -d } else { 0.0 });
         let mut solution = vec![0.0; self.kkt.order()];
         self.kkt.solve_roughly(&right, &mut solution);
         trial.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
@@ -678,8 +680,8 @@ impl Sqp<'_> {
         let mut best: Option<Iterate> = None;
         for _ in 0..DOUBLINGS {
             let mut there = self.at(direction, further);
-            self.reduce_violation(&mut there);
-            self.reduce_violation(&mut there);
+            self.reduce_violation(&mut there, &active);
+            self.reduce_violation(&mut there, &active);
             let lowest = best.as_ref().unwrap_or(&self.here).objective;
             if !(there.is_finite() && there.objective < lowest && there.violation() <= allowed) {
                 break;
