@@ -119,6 +119,10 @@ impl StagedSpectrum {
             // It is no larger than `about` but for rounding: down from there in growing steps.
             let mut step = (1.0 + precision).sqrt();
             let mut middle = (about * step).min(high);
+            if about > CERTAIN * self.sigma_max {
+                high = middle;
+                middle = about / step;
+            }
             while low < middle && self.count_above(middle)? <= index {
                 high = middle;
                 middle = about / step;
@@ -213,6 +217,8 @@ pub struct NearCut {
     pub above: Option<f64>,
 }
 
+/// A Ritz value that is more than this share of σ_max is no smaller than the singular value but for what the precision allows.
+const CERTAIN: f64 = 1e-9;
 const POWER_ITERATIONS: usize = 200;
 /// Inverse iterations; they end when the value above the cut changes by no more than this share.
 const LEAST_ITERATIONS: usize = 4;

@@ -1,6 +1,7 @@
 //! Tables to and from Parquet. The only file that knows polars.
 
 use std::fs::File;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use polars::prelude::{
@@ -17,7 +18,7 @@ pub struct Writer {
     partial: PathBuf,
     metadata: Vec<(String, String)>,
     /// The file begins with the first table, which has the columns.
-    file: Option<(File, BatchedWriter<File>)>,
+    file: Option<(File, BatchedWriter<BufWriter<File>>)>,
     rows: usize,
 }
 
@@ -40,7 +41,7 @@ impl Writer {
         if self.file.is_none() {
             let file = File::create(&self.partial).map_err(|e| Error::io("create", &self.partial, e))?;
             let handle = file.try_clone().map_err(|e| Error::io("create", &self.partial, e))?;
-            let writer = ParquetWriter::new(file)
+            let writer = ParquetWriter::new(BufWriter::new(file))
                 .with_compression(ParquetCompression::Zstd(None))
                 .with_key_value_metadata(Some(KeyValueMetadata::from_static(self.metadata.clone())))
                 .batched(frame.schema())
@@ -55,8 +56,14 @@ impl Writer {
     /// Ends the file and puts it in its place. Returns its number of rows.
     pub fn finish(self) -> Result<usize> {
         if let Some((file, writer)) = self.file {
-            writer.finish().map_err(|e| Error::table("write", &self.path, e))?;
-            file.sync_all().map_err(|e| Error::io("write", &self.partial, e))?;
+            let length = writer.finish().map_err(|e| Error::table("write", &self.path, e))?;
+            // What the buffer still holds is written now, errors lost: the length tells.
+            drop(writer);
+            let is_whole = |file: File| match file.metadata()?.len() {
+                written if written == length => file.sync_all(),
+                written => Err(io::Error::other(format!("{written} of {length} bytes written"))),
+            };
+            is_whole(file).map_err(|e| Error::io("write", &self.partial, e))?;
             std::fs::rename(&self.partial, &self.path).map_err(|e| Error::io("write", &self.path, e))?;
         }
         Ok(self.rows)
