@@ -90,7 +90,7 @@ impl Planar {
         let mut push =
             |f: &PairFunction<f64>, offset: f64, slots| functions.push((f.value - offset, f.gradient, slots));
         for joint in &self.joints {
-            joint.constraints(q).iter().for_each(|f| push(f, 0.0, joint.slots()));
+            joint.constraints(q, |f| push(f, 0.0, joint.slots()));
         }
         if let Some(given) = given {
             for ((joint, _), value) in self.joint_coordinates().zip(given) {

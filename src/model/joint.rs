@@ -87,18 +87,17 @@ impl Joint {
         std::array::from_fn(|i| if i < 3 { parent } else { child }.map(|body| 3 * body + i % 3))
     }
 
-    /// The constraint functions of this joint, with first and second derivatives.
-    pub fn constraints<T: Scalar>(&self, q: &[T]) -> Vec<PairFunction<T>> {
+    /// Calls `each` with the constraint functions of this joint, first and second derivatives with them.
+    pub fn constraints<T: Scalar>(&self, q: &[T], mut each: impl FnMut(&PairFunction<T>)) {
         match self.kind {
-            JointKind::Revolute { .. } => self.coincidence(q).to_vec(),
+            JointKind::Revolute { .. } => self.coincidence(q, each),
             JointKind::Weld { angle } => {
-                let mut rows = self.coincidence(q).to_vec();
-                rows.push(self.relative_angle(q, angle));
-                rows
+                self.coincidence(q, &mut each);
+                each(&self.relative_angle(q, angle));
             }
             JointKind::Prismatic { axis, angle } => {
-                let normal = [-axis[1], axis[0]];
-                vec![self.offset_along(q, normal), self.relative_angle(q, angle)]
+                each(&self.offset_along(q, [-axis[1], axis[0]]));
+                each(&self.relative_angle(q, angle));
             }
         }
     }
@@ -113,9 +112,9 @@ impl Joint {
     }
 
     /// child point − parent point, x and y.
-    fn coincidence<T: Scalar>(&self, q: &[T]) -> [PairFunction<T>; 2] {
+    fn coincidence<T: Scalar>(&self, q: &[T], mut each: impl FnMut(&PairFunction<T>)) {
         let (parent, child) = (self.parent.at(q), self.child.at(q));
-        [0, 1].map(|axis| {
+        for axis in 0..2 {
             let mut row = PairFunction::zero();
             row.value = child.position[axis] - parent.position[axis];
             row.gradient[axis] = T::from(-1.0);
@@ -124,8 +123,8 @@ impl Joint {
             row.gradient[5] = child.first[axis];
             row.hessian[2][2] = -parent.second[axis];
             row.hessian[5][5] = child.second[axis];
-            row
-        })
+            each(&row);
+        }
     }
 
     /// child angle − parent angle − reference.
@@ -188,8 +187,8 @@ mod tests {
             for _ in 0..10 {
                 let q: Vec<f64> = (0..6).map(|_| rng.random_range(-1.0..1.0)).collect();
                 let all = |q: &[f64]| {
-                    let mut rows = joint.constraints(q);
-                    rows.push(joint.coordinate_value(q));
+                    let mut rows = vec![joint.coordinate_value(q)];
+                    joint.constraints(q, |row| rows.push(*row));
                     rows
                 };
                 let exact = all(&q);
@@ -197,8 +196,8 @@ mod tests {
                     let Some(coordinate) = coordinate else { continue };
                     let mut dual: Vec<Dual64> = q.iter().map(|&x| Dual64::from(x)).collect();
                     dual[coordinate] = dual[coordinate].derivative();
-                    let mut rows = joint.constraints(&dual);
-                    rows.push(joint.coordinate_value(&dual));
+                    let mut rows = vec![joint.coordinate_value(&dual)];
+                    joint.constraints(&dual, |row| rows.push(*row));
                     for (row, exact) in rows.iter().zip(&exact) {
                         assert!((row.value.eps - exact.gradient[slot]).abs() < 1e-13);
                         for (other, place) in joint.slots().into_iter().enumerate() {

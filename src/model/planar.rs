@@ -51,10 +51,10 @@ impl Planar {
         let mut row = 0;
         for joint in &self.joints {
             let slots = joint.slots().map(|slot| slot.unwrap_or(usize::MAX));
-            for function in joint.constraints(q) {
+            joint.constraints(q, |function| {
                 each(row, &slots, function.value, &function.gradient, function.hessian.as_flattened());
                 row += 1;
-            }
+            });
         }
     }
 
