@@ -4,6 +4,7 @@
 pub mod banded;
 pub mod bspline;
 pub mod cubic;
+mod memo;
 pub mod rank;
 pub mod sparse;
 pub mod spectrum;

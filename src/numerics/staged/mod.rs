@@ -24,6 +24,7 @@ use std::sync::Arc;
 
 use self::analysis::{Pattern, fronts};
 use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
+use super::memo::Memo;
 use super::sparse::Sparse;
 
 const EQUILIBRATIONS: usize = 3;
@@ -136,7 +137,7 @@ pub struct StagedLdl {
     scale: Vec<f64>,
     scaled: Vec<f64>,
     /// Each after those that it takes in.
-    fronts: Vec<Pattern>,
+    fronts: Arc<[Pattern]>,
     factors: Factors,
     work: Work,
 }
@@ -164,6 +165,21 @@ struct Work {
 
 const ABSENT: usize = usize::MAX;
 
+/// Shapes of problems whose fronts are kept for the next one like it have no more entries than these.
+const SHARED: usize = 200_000;
+
+/// [`fronts`], worked out once for all problems of a shape.
+fn shared_fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Arc<[Pattern]> {
+    type Shape = (Arc<[usize]>, Arc<[usize]>, Vec<usize>, [Range<usize>; 2]);
+    static KNOWN: Memo<Shape, Arc<[Pattern]>> = Memo::new();
+    let work_out = || fronts(matrix, stage, equations.clone(), loose.clone()).into();
+    if matrix.values.len() > SHARED {
+        return work_out();
+    }
+    let (columns, rows) = (matrix.column_start.clone(), matrix.row_index.clone());
+    KNOWN.get((columns, rows, stage.to_vec(), [equations.clone(), loose.clone()]), work_out)
+}
+
 impl StagedLdl {
     /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0. `equations` are unknowns
     /// with nothing on the diagonal, `loose` ones of which some may have nothing else.
@@ -173,7 +189,7 @@ impl StagedLdl {
             rows: matrix.row_index.clone(),
             scale: vec![1.0; matrix.columns],
             scaled: vec![0.0; matrix.values.len()],
-            fronts: fronts(matrix, stage, equations, loose),
+            fronts: shared_fronts(matrix, stage, equations, loose),
             factors: Factors::default(),
             work: Work::default(),
         }
