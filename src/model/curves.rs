@@ -105,11 +105,16 @@ impl ForceVelocity {
 pub fn tendon_force(l: f64) -> f64 {
     let size = l.abs();
     let force = if size < TOE_STRAIN {
-        TOE_STIFFNESS * size * size.hypot(SOFT_STRAIN)
+        TOE_STIFFNESS * size * root(size, SOFT_STRAIN)
     } else {
         TOE_FORCE.value + TOE_FORCE.first * (size - TOE_STRAIN)
     };
     force.copysign(l)
+}
+
+/// √(a² + b²) of numbers far from over- and underflow.
+fn root(a: f64, b: f64) -> f64 {
+    (a * a + b * b).sqrt()
 }
 
 const TOE_STIFFNESS: f64 = 1480.3;
@@ -118,7 +123,7 @@ const SOFT_STRAIN: f64 = 1e-4;
 
 /// Value and slope of the toe where the line takes over.
 static TOE_FORCE: LazyLock<Jet> = LazyLock::new(|| {
-    let root = TOE_STRAIN.hypot(SOFT_STRAIN);
+    let root = root(TOE_STRAIN, SOFT_STRAIN);
     let first = TOE_STIFFNESS * (root + TOE_STRAIN * TOE_STRAIN / root);
     Jet { value: TOE_STIFFNESS * TOE_STRAIN * root, first, second: 0.0 }
 });
@@ -132,9 +137,9 @@ pub fn tendon_strain(f: f64) -> Jet {
     }
     // l² (l² + ε²) = F² with F = f/k: l = F √(2/(S + ε²)), S = √(ε⁴ + 4 F²).
     let (force, soft) = (f / TOE_STIFFNESS, SOFT_STRAIN * SOFT_STRAIN);
-    let value = force * (2.0 / (soft.hypot(2.0 * force) + soft)).sqrt();
+    let value = force * (2.0 / (root(soft, 2.0 * force) + soft)).sqrt();
     // f' = k (2 l² + ε²)/r and f'' = k l (2 l² + 3 ε²)/r³ with r = √(l² + ε²); the inverse's follow.
-    let root = value.hypot(SOFT_STRAIN);
+    let root = root(value, SOFT_STRAIN);
     let slope = TOE_STIFFNESS * (2.0 * value * value + soft) / root;
     let bend = TOE_STIFFNESS * value * (2.0 * value * value + 3.0 * soft) / root.powi(3);
     Jet { value, first: 1.0 / slope, second: -bend / slope.powi(3) }

@@ -27,7 +27,7 @@ use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
 use super::memo::Memo;
 use super::sparse::Sparse;
 
-const EQUILIBRATIONS: usize = 3;
+const EQUILIBRATIONS: usize = 2;
 const ZERO: Lane = Lane([0.0; LANE]);
 
 /// Number of positive and negative eigenvalues; what is missing to the order is zero to working precision.
