@@ -36,12 +36,29 @@ impl Pattern {
 
     /// The matrix of zeros with this pattern. After this, [`Pattern::slot`] is valid.
     pub fn build(&mut self) -> Sparse {
-        self.entries.sort_unstable();
-        self.entries.dedup();
-        self.column_start = vec![0; self.columns + 1];
-        self.entries.iter().for_each(|&(column, _)| self.column_start[column as usize + 1] += 1);
+        // Into their columns, then in order within each.
+        let mut end = vec![0; self.columns + 1];
+        self.entries.iter().for_each(|&(column, _)| end[column as usize + 1] += 1);
+        (0..self.columns).for_each(|column| end[column + 1] += end[column]);
+        let mut rows = vec![0; self.entries.len()];
+        for &(column, row) in &self.entries {
+            let end = &mut end[column as usize];
+            rows[*end] = row;
+            *end += 1;
+        }
+        self.entries.clear();
+        self.column_start = vec![0];
+        let mut start = 0;
         for column in 0..self.columns {
-            self.column_start[column + 1] += self.column_start[column];
+            let of_column = &mut rows[start..end[column]];
+            of_column.sort_unstable();
+            for &row in of_column.iter() {
+                if self.entries.last() != Some(&(column as u32, row)) {
+                    self.entries.push((column as u32, row));
+                }
+            }
+            self.column_start.push(self.entries.len());
+            start = end[column];
         }
         Sparse {
             rows: self.rows,
