@@ -196,8 +196,9 @@ fn acceleration(model: &Model, q: &[f64], rate: &[f64], forces: &[f64]) -> Vec<f
         muscle.path.slots().iter().zip(&path.gradient).for_each(|(&slot, g)| right[slot] -= force * g);
     }
     let moving: Vec<Dual64> = q.iter().zip(rate).map(|(&x, &v)| Dual64::new(x, v)).collect();
-    let rows = planar.joints.iter().flat_map(|j| j.constraints(&moving).into_iter().map(move |f| (j.slots(), f)));
-    for (row, (slots, function)) in rows.enumerate() {
+    let mut rows = Vec::new();
+    planar.joints.iter().for_each(|joint| joint.constraints(&moving, |function| rows.push((joint.slots(), *function))));
+    for (row, (slots, function)) in rows.into_iter().enumerate() {
         let stiffness = 20.0;
         right[nq + row] = -2.0 * stiffness * function.value.eps - stiffness * stiffness * function.value.re;
         for (slot, gradient) in slots.into_iter().zip(function.gradient) {

@@ -430,11 +430,14 @@ mod tests {
     #[test]
     fn unknowns_that_only_zeros_couple_are_solved_for_on_their_own() {
         let matrix = Sparse::from_triplets(3, 3, &[(0, 0, 2.0), (0, 1, 0.0), (1, 1, -4.0), (2, 2, 1.0)]);
-        let mut ldl = StagedLdl::new(&matrix, &[0, 0, 1], 0..0);
-        assert_eq!(ldl.factorise(&matrix.values), Some(Inertia { positive: 2, negative: 1 }));
-        let mut x = [1.0, 1.0, 1.0];
-        ldl.solve(&mut x);
-        assert_eq!(x, [0.5, -0.25, 1.0]);
+        for (loose, alone) in [(0..3, 3), (1..3, 2), (0..0, 0)] {
+            let mut ldl = StagedLdl::new(&matrix, &[0, 0, 1], 0..0, loose);
+            assert_eq!(ldl.factorise(&matrix.values), Some(Inertia { positive: 2, negative: 1 }));
+            assert_eq!(ldl.factors.alone.len(), alone);
+            let mut x = [1.0, 1.0, 1.0];
+            ldl.solve(&mut x);
+            assert_eq!(x, [0.5, -0.25, 1.0]);
+        }
     }
 
     #[test]
@@ -444,7 +447,7 @@ mod tests {
         for (stages, each) in [(1, 5), (2, 5), (7, 5), (20, 5), (6, 25)] {
             let (matrix, stage) = matrix(&mut rng, stages, each);
             let n = matrix.columns;
-            let mut ldl = StagedLdl::new(&matrix, &stage, 0..0);
+            let mut ldl = StagedLdl::new(&matrix, &stage, 0..0, n / 2..n);
             let inertia = ldl.factorise(&matrix.values).unwrap();
             let mut dense = faer::Mat::<f64>::zeros(n, n);
             for (i, j, slot) in matrix.entries() {
