@@ -48,7 +48,7 @@ pub struct Kkt {
     pub deadline: Deadline,
     /// How many there have been.
     pub factorisations: usize,
-    /// Whether the last [`Kkt::solve_roughly`] with this factorisation needed no refinement.
+    /// Whether the last solution with this factorisation was a rough one and needed no refinement.
     is_accurate: bool,
     residual: Vec<f64>,
     correction: Vec<f64>,

@@ -227,6 +227,7 @@ pub struct NearCut {
 
 /// A Ritz value that is more than this share of σ_max is no smaller than the singular value but for what the precision allows.
 const CERTAIN: f64 = 1e-9;
+/// Order of the bidiagonal matrix of which σ_max is taken.
 const BIDIAGONAL: usize = 20;
 /// Inverse iterations; they end when the value above the cut changes by no more than this share.
 const LEAST_ITERATIONS: usize = 2;
