@@ -21,7 +21,7 @@
 //! Why the leap: the force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its
 //! optimum at infinite fibre velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries up to 64 times the step,
 //! corrected by up to three more steps on the optimality conditions with the same factorisation, and is kept if it lowers the KKT error at no
-//! loss. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
+//! loss but what is left of the violation costs. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
 
 use super::active_set::{self, EXACT_DAMPING, SMALLEST_DAMPING, Step};
 use super::deadline::Deadline;
@@ -625,9 +625,11 @@ impl Sqp<'_> {
         let (mut lowest, mut best) = (f64::INFINITY, None);
         for far in lengths {
             let mut there = trial.clone();
-            there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
-            there.evaluate(self.problem);
-            there.differentiate(self.problem);
+            if far > 1.0 {
+                there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
+                there.evaluate(self.problem);
+                there.differentiate(self.problem);
+            }
             let mut error = f64::INFINITY;
             for _ in 0..3 {
                 self.simplified_step(&mut there, &step.active);
