@@ -591,7 +591,8 @@ impl Sqp<'_> {
         None
     }
 
-    /// One step on the constraints of `trial` with the factorisation at hand.
+    /// One step on the equalities and `active` inequalities of `trial` with the factorisation at hand; that of an interior point takes only part
+    /// of the way to the inequalities.
     fn reduce_violation(&mut self, trial: &mut Iterate, active: &[bool]) {
         let (n, me) = (trial.x.len(), trial.equalities.len());
         let mut right = vec![0.0; self.kkt.order()];
