@@ -115,7 +115,7 @@ impl StagedSpectrum {
     }
 
     /// The singular value with `index` (0 the largest), which is between `low` and `high`, to a relative `precision`; two counts if it is
-    /// as near to `about`.
+    /// as near to `about`, one where that is well above rounding.
     pub fn value(
         &mut self,
         index: usize,
@@ -127,11 +127,8 @@ impl StagedSpectrum {
             // It is no larger than `about` but for rounding: down from there in growing steps.
             let mut step = (1.0 + precision).sqrt();
             let mut middle = (about * step).min(high);
-            if about > CERTAIN * self.sigma_max {
-                high = middle;
-                middle = about / step;
-            }
-            while low < middle && self.count_above(middle)? <= index {
+            let mut is_certain = about > CERTAIN * self.sigma_max;
+            while low < middle && (std::mem::take(&mut is_certain) || self.count_above(middle)? <= index) {
                 high = middle;
                 middle = about / step;
                 step = step.powi(4);
