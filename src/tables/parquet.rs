@@ -1,8 +1,9 @@
 //! Tables to and from Parquet. The only file that knows polars.
 
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
 use polars::prelude::{
     BatchedWriter, Column, DataFrame, DataType, KeyValueMetadata, NamedFrom, ParquetCompression, ParquetReader,
@@ -12,13 +13,34 @@ use polars::prelude::{
 use super::{Table, Values};
 use crate::error::{Error, Result};
 
+/// A file that remembers why it could first not be written: polars does not always say.
+struct Output {
+    file: File,
+    failure: Arc<OnceLock<io::ErrorKind>>,
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes).inspect_err(|e| {
+            if e.kind() != io::ErrorKind::Interrupted {
+                let _ = self.failure.set(e.kind());
+            }
+        })
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
 /// A Parquet file (zstd) in the making, table after table of one kind; it appears whole or not at all.
 pub struct Writer {
     path: PathBuf,
     partial: PathBuf,
     metadata: Vec<(String, String)>,
     /// The file begins with the first table, which has the columns.
-    file: Option<(File, BatchedWriter<BufWriter<File>>)>,
+    file: Option<(File, BatchedWriter<BufWriter<Output>>)>,
+    failure: Arc<OnceLock<io::ErrorKind>>,
     rows: usize,
 }
 
@@ -30,6 +52,7 @@ impl Writer {
             partial: path.with_extension(format!("parquet.{}.part", std::process::id())),
             metadata,
             file: None,
+            failure: Arc::default(),
             rows: 0,
         }
     }
@@ -41,7 +64,7 @@ impl Writer {
         if self.file.is_none() {
             let file = File::create(&self.partial).map_err(|e| Error::io("create", &self.partial, e))?;
             let handle = file.try_clone().map_err(|e| Error::io("create", &self.partial, e))?;
-            let writer = ParquetWriter::new(BufWriter::new(file))
+            let writer = ParquetWriter::new(BufWriter::new(Output { file, failure: self.failure.clone() }))
                 .with_compression(ParquetCompression::Zstd(None))
                 .with_key_value_metadata(Some(KeyValueMetadata::from_static(self.metadata.clone())))
                 .batched(frame.schema())
@@ -50,23 +73,37 @@ impl Writer {
         }
         let (_, writer) = self.file.as_mut().expect("made above");
         self.rows += table.rows();
-        writer.write_batch(&frame).map_err(|e| Error::table("write", &self.path, e))
+        writer.write_batch(&frame).map_err(|e| self.failed(e))
     }
 
     /// Ends the file and puts it in its place. Returns its number of rows.
-    pub fn finish(self) -> Result<usize> {
-        if let Some((file, writer)) = self.file {
-            let length = writer.finish().map_err(|e| Error::table("write", &self.path, e))?;
-            // What the buffer still holds is written now, errors lost: the length tells.
+    pub fn finish(mut self) -> Result<usize> {
+        if let Some((file, writer)) = self.file.take() {
+            writer.finish().map_err(|e| self.failed(e))?;
+            // What the buffer still holds is written now.
             drop(writer);
-            let is_whole = |file: File| match file.metadata()?.len() {
-                written if written == length => file.sync_all(),
-                written => Err(io::Error::other(format!("{written} of {length} bytes written"))),
-            };
-            is_whole(file).map_err(|e| Error::io("write", &self.partial, e))?;
+            if self.failure.get().is_some() {
+                return Err(self.failed("the last part is missing"));
+            }
+            file.sync_all().map_err(|e| Error::io("write", &self.partial, e))?;
             std::fs::rename(&self.partial, &self.path).map_err(|e| Error::io("write", &self.path, e))?;
         }
         Ok(self.rows)
+    }
+
+    /// Why the file could not be written, if it knows better than what polars says.
+    fn failed(&self, says: impl std::fmt::Display) -> Error {
+        match self.failure.get() {
+            Some(kind) => Error::io("write", &self.path, (*kind).into()),
+            None => Error::table("write", &self.path, says),
+        }
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        // Not there any more if it has been finished.
+        let _ = std::fs::remove_file(&self.partial);
     }
 }
 
