@@ -4,6 +4,9 @@
 //! the last step it takes few.
 //!
 //! The Hessian need only be positive definite where the active constraints vanish; if it is not, the damping δ grows.
+//!
+//! Far from a solution the linearisation is worth no more than some share of the KKT error: rows that are wrong by less are left as they are, and
+//! put right in the guess for the next sub-problem.
 
 use super::iterate::Iterate;
 use super::kkt::{Kkt, KktValues, Rows};
@@ -17,14 +20,17 @@ const ACCURACY: f64 = 1e-6;
 const NEARLY: usize = 4;
 const FEW: usize = 200;
 const PATIENCE: usize = 3;
-const MANY: usize = 10;
+const MANY: usize = 5;
+/// Rows may be wrong by this share of the KKT error, and in any case by so much.
+const PER_ERROR: f64 = 3e-2;
+const ROUNDING: f64 = 1e-10;
 pub const SMALLEST_DAMPING: f64 = 1e-15;
 const LARGEST_DAMPING: f64 = 1e8;
 /// A Hessian that needs more than this is convexified: that serves better.
-pub const EXACT_DAMPING: f64 = 3e-3;
+pub const EXACT_DAMPING: f64 = 5e-4;
 const RAISE: f64 = 5.0;
 /// δ that is right is taken where it is no more than this times one that is not: what lies between would cost more than it gains.
-const NEAR: f64 = 60.0;
+const NEAR: f64 = 6.0;
 
 /// The step and multipliers of the sub-problem.
 #[derive(Clone, Debug)]
@@ -35,15 +41,9 @@ pub struct Step {
     pub active: Vec<bool>,
     /// Interior-point iterations spent in Clarabel; 0 if the active set was guessed.
     pub qp_iterations: usize,
-    pub factorisations: usize,
-}
-
-impl Step {
     /// Whether the factorisation left in the [`Kkt`] is the one that gave this step, and the first one tried:
     /// nothing had to change.
-    pub fn is_settled(&self) -> bool {
-        self.factorisations == 1
-    }
+    pub is_settled: bool,
 }
 
 /// Why no step came out.
@@ -61,11 +61,11 @@ pub fn raise(damping: &mut f64) -> Result<(), NoStep> {
     if *damping > LARGEST_DAMPING { Err(NoStep::Singular) } else { Ok(()) }
 }
 
-/// Solves the sub-problem at `here` from the guess `active`. `damping` is raised as far as the inertia asks for, to no more than `most`, and
-/// left there for the caller.
+/// Solves the sub-problem at `here`, a point with this KKT error, from the guess `active`. `damping` is raised as far as the inertia asks for, to
+/// no more than `most`, and left there for the caller.
 pub fn solve(
     kkt: &mut Kkt,
-    here: &Iterate,
+    (here, error): (&Iterate, f64),
     hessian: &Sparse,
     metric: &Sparse,
     damping: &mut f64,
@@ -73,6 +73,7 @@ pub fn solve(
     active: &[bool],
 ) -> Result<Step, NoStep> {
     let mut guess = Guess::new(kkt, here, hessian, metric, active);
+    guess.tolerance = PER_ERROR * error.min(1.0);
     let nearly = NEARLY.max(active.len() / FEW);
     let mut allowed = nearly.max(active.len() / MANY);
     for round in 0..ROUNDS {
@@ -84,21 +85,22 @@ pub fn solve(
             }
             if NEAR * *damping >= most {
                 *damping = most;
-            } else if guess.wrong_rows()?.len() > allowed {
+            } else if guess.wrong_rows()?.rows.len() > allowed {
                 return Err(NoStep::Unsettled);
             } else {
                 guess.raise(damping, most)?;
             }
         }
         let wrong = guess.wrong_rows()?;
-        if wrong.is_empty() {
-            return Ok(guess.step());
+        if wrong.are_slight {
+            return Ok(guess.step(&wrong.rows));
         }
-        if wrong.len() > allowed || wrong.len() > nearly && round >= PATIENCE {
+        let count = wrong.rows.len();
+        if count > allowed || count > nearly && round >= PATIENCE {
             return Err(NoStep::Unsettled);
         }
-        allowed = nearly.max(wrong.len() / 2);
-        wrong.into_iter().for_each(|row| guess.active[row] = !guess.active[row]);
+        allowed = nearly.max(count / 2);
+        guess.turn(&wrong.rows);
     }
     Err(NoStep::Unsettled)
 }
@@ -114,13 +116,21 @@ struct Guess<'a> {
     /// d, λ, −ν
     solution: Vec<f64>,
     factorisations: usize,
+    /// By how much a row may be wrong.
+    tolerance: f64,
+}
+
+/// The rows for which a guess is wrong, and whether they are so by no more than the tolerance.
+struct Wrong {
+    rows: Vec<usize>,
+    are_slight: bool,
 }
 
 impl<'a> Guess<'a> {
     fn new(kkt: &'a mut Kkt, here: &'a Iterate, hessian: &'a Sparse, metric: &'a Sparse, active: &[bool]) -> Self {
         let right = [&here.gradient, &here.equalities, &here.inequalities].into_iter().flatten().map(|v| -v).collect();
         let solution = vec![0.0; kkt.order()];
-        Self { kkt, here, hessian, metric, active: active.to_vec(), right, solution, factorisations: 0 }
+        Self { kkt, here, hessian, metric, active: active.to_vec(), right, solution, factorisations: 0, tolerance: 0.0 }
     }
 
     /// Factorises; whether H + δ D is positive definite where the active constraints vanish.
@@ -150,8 +160,8 @@ impl<'a> Guess<'a> {
         Ok(())
     }
 
-    /// Solves with the last factorisation; the rows for which the guess is wrong.
-    fn wrong_rows(&mut self) -> Result<Vec<usize>, NoStep> {
+    /// Solves with the last factorisation.
+    fn wrong_rows(&mut self) -> Result<Wrong, NoStep> {
         let consistent = self.kkt.solve_roughly(&self.right, &mut self.solution) <= ACCURACY;
         if !consistent && self.kkt.solve_regularised(&self.right, &mut self.solution).is_nan() {
             return Err(NoStep::Singular);
@@ -160,28 +170,42 @@ impl<'a> Guess<'a> {
         let multipliers = &self.solution[n + self.here.equalities.len()..];
         let mut slack = self.here.inequalities.clone();
         self.here.inequality_jacobian.add_product(1.0, &self.solution[..n], &mut slack);
-        let scale = multipliers.iter().map(|y| y.abs()).fold(1e-300, f64::max);
-        let is_wrong = |&row: &usize| match self.active[row] {
-            true => multipliers[row] / scale > 1e-10,
-            // Nothing joins rows that already contradict each other.
-            false => consistent && slack[row] < -1e-10,
-        };
-        let wrong: Vec<usize> = (0..self.active.len()).filter(is_wrong).collect();
-        if wrong.is_empty() && !consistent { Err(NoStep::Singular) } else { Ok(wrong) }
+        let largest = |values: &[f64]| values.iter().fold(1e-300, |a: f64, v| a.max(v.abs()));
+        let (scale, of_gradient) = (largest(multipliers), largest(&self.here.gradient));
+        let (mut rows, mut are_slight) = (Vec::new(), consistent);
+        for (row, active) in self.active.iter().enumerate() {
+            let (lacks, rounding, unit) = match active {
+                true => (multipliers[row], ROUNDING * scale, of_gradient),
+                // Nothing joins rows that already contradict each other.
+                false if !consistent => continue,
+                false => (-slack[row], ROUNDING, 1.0),
+            };
+            if lacks > rounding {
+                rows.push(row);
+                are_slight &= lacks <= self.tolerance * unit;
+            }
+        }
+        if rows.is_empty() && !consistent { Err(NoStep::Singular) } else { Ok(Wrong { rows, are_slight }) }
     }
 
-    fn step(mut self) -> Step {
+    fn turn(&mut self, rows: &[usize]) {
+        rows.iter().for_each(|&row| self.active[row] = !self.active[row]);
+    }
+
+    /// The step; of the active set it gives back the rows in `wrong` are turned.
+    fn step(mut self, wrong: &[usize]) -> Step {
         self.kkt.solve_further(&self.right, &mut self.solution);
+        self.turn(wrong);
         let (direction, multipliers) = self.solution.split_at(self.here.x.len());
         let (lambda, minus_nu) = multipliers.split_at(self.here.equalities.len());
-        let of_active = |(y, active): (&f64, &bool)| if *active { -y } else { 0.0 };
+        let of_active = |(y, active): (&f64, &bool)| if *active { (-y).max(0.0) } else { 0.0 };
         Step {
             direction: direction.to_vec(),
             equality_multipliers: lambda.to_vec(),
             inequality_multipliers: minus_nu.iter().zip(&self.active).map(of_active).collect(),
             active: self.active,
             qp_iterations: 0,
-            factorisations: self.factorisations,
+            is_settled: self.factorisations == 1 && wrong.is_empty(),
         }
     }
 }

@@ -57,12 +57,11 @@ pub struct Interior {
 }
 
 impl Interior {
-    /// A start for the sub-problem at `here`, whose gradient is of the size `scale`.
-    fn start(&self, here: &Iterate, scale: f64) -> Self {
-        let error = here.kkt_error().largest().min(1.0);
+    /// A start for the sub-problem at `here`, a point with this KKT error, whose gradient is of the size `scale`.
+    fn start(&self, (here, error): (&Iterate, f64), scale: f64) -> Self {
         let count = self.s.len().max(1) as f64;
         let mean = self.s.iter().zip(&self.nu).map(|(s, nu)| s * nu).sum::<f64>() / count;
-        let mu = (DRAWN_BACK * error.powf(1.5) * scale).max(mean).max(LEAST_PRODUCT * scale);
+        let mu = (DRAWN_BACK * error.min(1.0).powf(1.5) * scale).max(mean).max(LEAST_PRODUCT * scale);
         let s: Vec<f64> = self.s.iter().zip(&here.inequalities).map(|(s, b)| s.max(*b).max(0.1 * mu / scale)).collect();
         let nu = self.nu.iter().zip(&s).map(|(nu, s)| nu.max(mu / (CENTRED * s)).min(CENTRED * mu / s)).collect();
         Self { s, nu }
@@ -80,11 +79,11 @@ pub struct Manner {
     pub is_plain: bool,
 }
 
-/// Solves the sub-problem at `here`, or takes [`STEPS`] steps towards its solution; `damping` is raised as far as the inertia asks for, and left
+/// Solves the sub-problem at `here`, a point with this KKT error, or takes [`STEPS`] steps towards its solution; `damping` is raised as far as the inertia asks for, and left
 /// there. `last`: where the last sub-problem ended, and then this one.
 pub fn solve(
     kkt: &mut Kkt,
-    here: &Iterate,
+    (here, error): (&Iterate, f64),
     hessian: &Sparse,
     metric: &Sparse,
     damping: &mut f64,
@@ -96,7 +95,7 @@ pub fn solve(
     let scale = largest(&here.gradient).max(1e-6);
     let mut d = vec![0.0; n];
     let mut lambda = here.equality_multipliers.clone();
-    let start = last.as_ref().filter(|_| !is_plain).map(|last| last.start(here, scale));
+    let start = last.as_ref().filter(|_| !is_plain).map(|last| last.start((here, error), scale));
     let mut has_begun = is_plain || start.is_some();
     let Interior { mut s, mut nu } = start.unwrap_or_else(|| Interior {
         s: here.inequalities.iter().map(|b| b.max(LEAST_SLACK)).collect(),
@@ -131,7 +130,7 @@ pub fn solve(
                 equality_multipliers: lambda,
                 inequality_multipliers: nu,
                 qp_iterations: 0,
-                factorisations,
+                is_settled: factorisations == 1,
             });
         }
         weights.iter_mut().zip(s.iter().zip(&nu)).for_each(|(w, (s, nu))| *w = s / nu);

@@ -27,8 +27,8 @@ const PRIMAL_RANGE: (f64, f64) = (1e-18, 1e-14);
 const DUAL: f64 = 1e-11;
 const REFINEMENTS: usize = 10;
 /// Relative residuals that need no more of them.
-const EXACT: f64 = 1e-15;
-const ROUGH: f64 = 1e-10;
+const EXACT: f64 = 1e-12;
+const ROUGH: f64 = 1e-8;
 
 /// The matrix, its symbolic factorisation and its work space.
 pub struct Kkt {

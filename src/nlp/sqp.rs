@@ -116,10 +116,11 @@ impl SqpOutcome {
 const LEAST_TWICE: usize = 40;
 /// Iterations that do not halve the KKT error before a point within the tolerance is good enough.
 const PATIENCE: usize = 30;
-/// Least δ, and after how many such iterations it gives way to an even smaller one. A δ however small keeps muscles that run away from
-/// running further than it takes.
+/// Least δ: however small it keeps muscles that run away from running further than it takes. After so many such iterations it gives way to
+/// an even smaller one, and the largest δ with the exact Hessian to this: the convexified Hessian, however good far away, creeps here.
 const USUAL_FLOOR: f64 = 1e-13;
 const IMPATIENCE: usize = 3;
+const STUBBORN_DAMPING: f64 = 1e-2;
 const FIRST_DAMPING: f64 = 1e-2;
 /// Δ of the proximal term in Clarabel's sub-problem.
 const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e6);
@@ -130,8 +131,8 @@ const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
 const CORRECTIONS: usize = 4;
-/// Lengths of a leap that are tried, in the longest that makes sense; and the longest in steps.
-const LEAPS: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
+/// How much longer the next leap tried is, and the longest in steps.
+const LONGER: f64 = 4.0;
 const LONGEST_LEAP: f64 = 64.0;
 /// A longer one must leave less than this share of the KKT error that the one before has left; the best less than this of a plain step's.
 const MUCH: f64 = 0.5;
@@ -139,22 +140,23 @@ const BETTER: f64 = 0.7;
 /// A plain step that leaves less than this share of the KKT error is only corrected.
 const FAST: f64 = 0.1;
 /// A step that leaves more than this share of the KKT error creeps.
-const CREEPING: f64 = 0.7;
+const CREEPING: f64 = 0.6;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
 const FEW: usize = 200;
 /// KKT error above which what has been convexified stays so.
-const FAR: f64 = 1.0;
+const FAR: f64 = 0.3;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
 const PER_ERROR: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
-const DAMPING_PER_ERROR: f64 = 1e-3;
+const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
 /// are not unique, that which goes on from the last one can go round in a circle.
 const STUCK: (usize, f64) = (3, 1e-3);
 const RESTORATIONS: usize = 60;
-/// How often a step that creeps is made twice as long.
+/// How often a step that creeps is made twice as long, and what violation it may leave: this share of the KKT error.
 const DOUBLINGS: usize = 16;
+const EXTENDED: f64 = 0.1;
 /// δ below this shortens no step.
 const SHORTENING: f64 = 1e-6;
 
@@ -169,7 +171,9 @@ struct Sqp<'p> {
     problem: &'p dyn Problem,
     settings: SqpSettings,
     kkt: &'p mut Kkt,
+    /// Of `here` if `has_hessian`.
     hessian: Sparse,
+    has_hessian: bool,
     /// A positive semidefinite matrix near the Hessian.
     convex: Sparse,
     metric: Sparse,
@@ -177,11 +181,15 @@ struct Sqp<'p> {
     gauss_newton: Sparse,
     filter: Filter,
     here: Iterate,
+    /// Its KKT error.
+    error: KktError,
     active: Option<Vec<bool>>,
     /// δ
     damping: f64,
     /// Least δ.
     floor: f64,
+    /// Largest δ with the exact Hessian.
+    most: f64,
     /// Whether the last sub-problem had to raise δ against negative curvature.
     curved: bool,
     /// Whether the last sub-problem was that of the convexified Hessian.
@@ -251,14 +259,17 @@ impl<'p> Sqp<'p> {
             settings,
             kkt,
             hessian: pattern.clone(),
+            has_hessian: false,
             convex: pattern.clone(),
             metric: pattern.clone(),
             gauss_newton,
             filter: Filter::new(here.violation()),
+            error: here.kkt_error(),
             here,
             active,
             damping: FIRST_DAMPING,
             floor: USUAL_FLOOR,
+            most: EXACT_DAMPING,
             curved: false,
             convexified: false,
             is_settled: true,
@@ -276,7 +287,7 @@ impl Sqp<'_> {
         let mut trace: Vec<Record> = Vec::new();
         let (mut halved, mut since) = (f64::INFINITY, 0);
         let status = loop {
-            let error = self.here.kkt_error();
+            let error = self.error;
             trace.push(Record {
                 x: self.here.x.clone(),
                 objective: self.here.objective,
@@ -289,6 +300,7 @@ impl Sqp<'_> {
             }
             let idle = trace.len() - 1 - since;
             self.floor = if idle >= IMPATIENCE { SMALLEST_DAMPING } else { USUAL_FLOOR };
+            self.most = if idle >= IMPATIENCE { STUBBORN_DAMPING } else { EXACT_DAMPING };
             let creeps = idle >= PATIENCE;
             self.is_stuck = idle >= STUCK.0 && error.largest() < STUCK.1;
             if let Some(status) = self.is_over(error, trace.len() - 1, creeps) {
@@ -305,7 +317,7 @@ impl Sqp<'_> {
             trace.push(Record {
                 x: self.here.x.clone(),
                 objective: self.here.objective,
-                error: self.here.kkt_error(),
+                error: self.error,
                 step_norm: 0.0,
                 qp_iterations: 0,
             });
@@ -335,7 +347,7 @@ impl Sqp<'_> {
 
     /// One step from `here` to the next point.
     fn iterate(&mut self, error: KktError, record: &mut Record) -> Result<(), SqpStatus> {
-        self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Exact, &mut self.hessian);
+        self.has_hessian = false;
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
         if !self.curved {
@@ -363,7 +375,7 @@ impl Sqp<'_> {
                 continue;
             };
             let leaps = accepted.fraction == 1.0
-                && step.is_settled()
+                && step.is_settled
                 && damping <= 1e-3
                 && error.largest() < 1.0
                 && error.largest() > self.settings.target;
@@ -378,25 +390,29 @@ impl Sqp<'_> {
             self.damping =
                 if whole && attempt == 0 && !self.curved { (LOWER * damping).max(self.floor) } else { damping };
             let direction = self.take(step, accepted, leaps, record);
-            let creeps = self.here.kkt_error().largest() > CREEPING * error.largest();
+            let creeps = self.error.largest() > CREEPING * error.largest();
             let is_short = self.convexified || error.largest() < 1.0 && damping > SHORTENING;
             if creeps && whole && is_short {
                 self.extend(&direction, damping, record);
             }
             return Ok(());
         }
-        self.restore(record)
+        let restored = self.restore(record);
+        self.error = self.here.kkt_error();
+        restored
     }
 
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
         self.is_at_hand = false;
-        let error = self.here.kkt_error().largest();
+        let error = self.error.largest();
         // What had to be convexified is so until the active set settles; then it is asked again.
         let was_convexified = std::mem::take(&mut self.convexified);
         let far = error > FAR && !self.is_plain;
-        let mut hopeless =
-            was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(EXACT_DAMPING)));
+        let mut hopeless = was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(self.most)));
+        if !hopeless && self.active.is_some() {
+            self.evaluate_hessian();
+        }
         if let Some(guess) = &self.active {
             // What was lowered with the convexified Hessian says nothing of the exact one.
             let usual = if was_convexified { damping.max(DAMPING_PER_ERROR * error) } else { *damping };
@@ -404,11 +420,11 @@ impl Sqp<'_> {
                 let mut exact = usual;
                 let found = active_set::solve(
                     self.kkt,
-                    &self.here,
+                    (&self.here, error),
                     &self.hessian,
                     &self.metric,
                     &mut exact,
-                    EXACT_DAMPING,
+                    self.most,
                     guess,
                 );
                 if let Ok(step) = found {
@@ -416,13 +432,13 @@ impl Sqp<'_> {
                     *damping = exact;
                     return Ok(step);
                 }
-                hopeless = exact > EXACT_DAMPING;
+                hopeless = exact > self.most;
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one, no finer than that model deserves.
             let coarse = (PER_ERROR * error).clamp(interior_point::COARSE, PER_ERROR);
             let ways = [
-                (Curvature::Exact, EXACT_DAMPING, interior_point::FINE),
+                (Curvature::Exact, self.most, interior_point::FINE),
                 (Curvature::Convex, f64::INFINITY, if self.is_plain { interior_point::COARSE } else { coarse }),
             ];
             for (curvature, most, tolerance) in ways.into_iter().skip(usize::from(hopeless)) {
@@ -437,16 +453,15 @@ impl Sqp<'_> {
                 let least = if curvature == Curvature::Exact { usual } else { *damping };
                 let mut delta = least;
                 let manner = Manner { most, tolerance, is_plain: self.is_plain || self.is_stuck };
-                let interior = &mut self.interior;
-                let found =
-                    interior_point::solve(self.kkt, &self.here, hessian, &self.metric, &mut delta, manner, interior);
+                let (here, interior) = ((&self.here, error), &mut self.interior);
+                let found = interior_point::solve(self.kkt, here, hessian, &self.metric, &mut delta, manner, interior);
                 let Ok(mut step) = found else { continue };
                 self.is_at_hand = true;
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = least;
                 if delta > less && curvature == Curvature::Exact {
                     let most = less.max(delta / RAISE);
-                    let (here, metric) = (&self.here, &self.metric);
+                    let (here, metric) = ((&self.here, error), &self.metric);
                     match active_set::solve(self.kkt, here, hessian, metric, &mut less, most, &step.active) {
                         Ok(better) => (step, delta) = (better, less),
                         Err(_) => self.is_at_hand = false,
@@ -464,9 +479,8 @@ impl Sqp<'_> {
         let tolerance = if self.is_plain { interior_point::COARSE } else { PER_ERROR };
         let manner = Manner { most: delta, tolerance, is_plain: self.is_plain };
         let mut same = delta;
-        let (kkt, interior) = (&mut *self.kkt, &mut self.interior);
-        let found =
-            interior_point::solve(kkt, &self.here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
+        let (kkt, here, interior) = (&mut *self.kkt, (&self.here, error), &mut self.interior);
+        let found = interior_point::solve(kkt, here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
         if let Ok(step) = found {
             self.is_at_hand = true;
             return Ok(step);
@@ -491,12 +505,22 @@ impl Sqp<'_> {
             equality_multipliers: solution.equalities,
             inequality_multipliers: solution.inequalities,
             qp_iterations: solution.iterations,
-            factorisations: 0,
+            is_settled: false,
         })
+    }
+
+    /// Evaluates the exact Hessian, once a point: what is convexified may not need it.
+    fn evaluate_hessian(&mut self) {
+        if !std::mem::replace(&mut self.has_hessian, true) {
+            self.problem.hessian(&self.here.x, self.here.multipliers(), Curvature::Exact, &mut self.hessian);
+        }
     }
 
     /// Factorises the last sub-problem's Hessian, the exact one if there is none, with damping δ and the `active` rows as equations.
     fn factorise(&mut self, damping: f64, active: &[bool]) -> Option<Inertia> {
+        if !self.convexified {
+            self.evaluate_hessian();
+        }
         self.kkt.factorise(&KktValues {
             hessian: if self.convexified { &self.convex } else { &self.hessian },
             metric: &self.metric,
@@ -621,10 +645,10 @@ impl Sqp<'_> {
         // With f ~ k/v the error falls as 1/v² and Newton's step is v/2: no further out than it takes.
         let reach = 2.0 * (error.largest() / self.settings.target).sqrt();
         let longest = if reached < FAST * error.largest() { 1.0 } else { reach.min(LONGEST_LEAP) };
-        let mut lengths = LEAPS.map(|share| (share * longest).max(1.0)).to_vec();
-        lengths.dedup();
         let (mut lowest, mut best) = (f64::INFINITY, None);
-        for far in lengths {
+        let mut next = Some(1.0);
+        while let Some(far) = next {
+            next = (far < longest).then(|| longest.min(LONGER * far));
             let mut there = trial.clone();
             if far > 1.0 {
                 there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
@@ -678,7 +702,7 @@ impl Sqp<'_> {
         if !self.is_at_hand && self.factorise(damping, &active).is_none() {
             return;
         }
-        let allowed = self.here.violation().max(self.settings.tolerance);
+        let allowed = self.here.violation().max(self.settings.tolerance).max(EXTENDED * self.error.largest());
         let mut further = 1.0;
         let mut best: Option<Iterate> = None;
         for _ in 0..DOUBLINGS {
@@ -695,7 +719,7 @@ impl Sqp<'_> {
         if let Some(mut best) = best {
             best.differentiate(self.problem);
             record.step_norm = distance(&record.x, &best.x);
-            self.here = best;
+            self.move_to(best);
         }
     }
 
@@ -710,9 +734,14 @@ impl Sqp<'_> {
             trial.inequality_multipliers.iter_mut().zip(&step.inequality_multipliers).for_each(|(o, n)| blend(o, n));
             trial.differentiate(self.problem);
         }
-        self.here = trial;
+        self.move_to(trial);
         self.active = Some(step.active);
         step.direction
+    }
+
+    fn move_to(&mut self, there: Iterate) {
+        self.error = there.kkt_error();
+        self.here = there;
     }
 
     /// Feasibility phase: lowers ½‖c‖² by Levenberg–Marquardt steps that keep the linearised inequalities, until the filter

@@ -14,7 +14,7 @@ use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut};
 use pulp::{Arch, Simd, WithSimd};
 
 /// A pivot must be at least this fraction of its column.
-const THRESHOLD: f64 = 0.02;
+const THRESHOLD: f64 = 1e-4;
 pub const LANE: usize = 8;
 
 /// Columns that are worked on together: the widest register, and a line of the fastest memory.
