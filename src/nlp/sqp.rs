@@ -351,7 +351,7 @@ impl Sqp<'_> {
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
         if !self.curved {
-            let most = (DAMPING_PER_ERROR * error.largest()).max(FALL * self.damping);
+            let most = (DAMPING_PER_ERROR * error.largest()).min(EXACT_DAMPING).max(FALL * self.damping);
             self.damping = self.damping.min(most).max(self.floor);
         }
         for attempt in 0..ATTEMPTS {
@@ -415,7 +415,7 @@ impl Sqp<'_> {
         }
         if let Some(guess) = &self.active {
             // What was lowered with the convexified Hessian says nothing of the exact one.
-            let usual = if was_convexified { damping.max(DAMPING_PER_ERROR * error) } else { *damping };
+            let usual = if was_convexified { damping.max((DAMPING_PER_ERROR * error).min(EXACT_DAMPING)) } else { *damping };
             if !hopeless && self.is_settled {
                 let mut exact = usual;
                 let found = active_set::solve(
