@@ -20,7 +20,7 @@ const ACCURACY: f64 = 1e-6;
 const NEARLY: usize = 4;
 const FEW: usize = 200;
 const PATIENCE: usize = 3;
-const MANY: usize = 5;
+const MANY: usize = 10;
 /// Rows may be wrong by this share of the KKT error, and in any case by so much.
 const PER_ERROR: f64 = 3e-2;
 const ROUNDING: f64 = 1e-10;

@@ -145,7 +145,7 @@ const CREEPING: f64 = 0.6;
 const NEARLY: usize = 2;
 const FEW: usize = 200;
 /// KKT error above which what has been convexified stays so.
-const FAR: f64 = 0.3;
+const FAR: f64 = 1.0;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
 const PER_ERROR: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
@@ -415,7 +415,8 @@ impl Sqp<'_> {
         }
         if let Some(guess) = &self.active {
             // What was lowered with the convexified Hessian says nothing of the exact one.
-            let usual = if was_convexified { damping.max((DAMPING_PER_ERROR * error).min(EXACT_DAMPING)) } else { *damping };
+            let usual =
+                if was_convexified { damping.max((DAMPING_PER_ERROR * error).min(EXACT_DAMPING)) } else { *damping };
             if !hopeless && self.is_settled {
                 let mut exact = usual;
                 let found = active_set::solve(
