@@ -153,6 +153,8 @@ const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
 /// are not unique, that which goes on from the last one can go round in a circle.
 const STUCK: (usize, f64) = (3, 1e-3);
+/// After so many such iterations a step that raises the KKT error raises δ.
+const CIRCLE: usize = 10;
 const RESTORATIONS: usize = 60;
 /// How often a step that creeps is made twice as long, and what violation it may leave: this share of the KKT error.
 const DOUBLINGS: usize = 16;
@@ -202,6 +204,8 @@ struct Sqp<'p> {
     is_plain: bool,
     /// Whether it is so for this iteration.
     is_stuck: bool,
+    /// Whether δ is raised by a step that raises the KKT error.
+    is_circling: bool,
     /// Whether the factorisation at hand is that of the last sub-problem's step.
     is_at_hand: bool,
     /// Factorisations before this solve.
@@ -276,6 +280,7 @@ impl<'p> Sqp<'p> {
             interior: None,
             is_plain,
             is_stuck: false,
+            is_circling: false,
             is_at_hand: false,
             factorised,
         }
@@ -301,6 +306,7 @@ impl Sqp<'_> {
             let idle = trace.len() - 1 - since;
             self.floor = if idle >= IMPATIENCE { SMALLEST_DAMPING } else { USUAL_FLOOR };
             self.most = if idle >= IMPATIENCE { STUBBORN_DAMPING } else { EXACT_DAMPING };
+            self.is_circling = idle >= CIRCLE;
             let creeps = idle >= PATIENCE;
             self.is_stuck = idle >= STUCK.0 && error.largest() < STUCK.1;
             if let Some(status) = self.is_over(error, trace.len() - 1, creeps) {
@@ -390,6 +396,10 @@ impl Sqp<'_> {
             self.damping =
                 if whole && attempt == 0 && !self.curved { (LOWER * damping).max(self.floor) } else { damping };
             let direction = self.take(step, accepted, leaps, record);
+            // Steps so long that they go to and fro.
+            if self.is_circling && self.error.largest() >= error.largest() {
+                self.damping = (RAISE * damping).min(SHORTENING);
+            }
             let creeps = self.error.largest() > CREEPING * error.largest();
             let is_short = self.convexified || error.largest() < 1.0 && damping > SHORTENING;
             if creeps && whole && is_short {
