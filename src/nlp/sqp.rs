@@ -153,8 +153,9 @@ const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
 /// are not unique, that which goes on from the last one can go round in a circle.
 const STUCK: (usize, f64) = (3, 1e-3);
-/// After so many such iterations a step that raises the KKT error raises δ.
+/// After so many such iterations a step that raises the KKT error raises δ, if it lowers the objective by no more than this share.
 const CIRCLE: usize = 10;
+const LEVEL: f64 = 1e-10;
 const RESTORATIONS: usize = 60;
 /// How often a step that creeps is made twice as long, and what violation it may leave: this share of the KKT error.
 const DOUBLINGS: usize = 16;
@@ -204,7 +205,7 @@ struct Sqp<'p> {
     is_plain: bool,
     /// Whether it is so for this iteration.
     is_stuck: bool,
-    /// Whether δ is raised by a step that raises the KKT error.
+    /// Whether δ is raised by a step that raises the KKT error and leaves the objective as it is.
     is_circling: bool,
     /// Whether the factorisation at hand is that of the last sub-problem's step.
     is_at_hand: bool,
@@ -397,7 +398,8 @@ impl Sqp<'_> {
                 if whole && attempt == 0 && !self.curved { (LOWER * damping).max(self.floor) } else { damping };
             let direction = self.take(step, accepted, leaps, record);
             // Steps so long that they go to and fro.
-            if self.is_circling && self.error.largest() >= error.largest() {
+            let is_level = before.1 - self.here.objective <= LEVEL * before.1.abs();
+            if self.is_circling && is_level && self.error.largest() >= error.largest() {
                 self.damping = (RAISE * damping).min(SHORTENING);
             }
             let creeps = self.error.largest() > CREEPING * error.largest();
