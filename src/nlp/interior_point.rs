@@ -79,8 +79,8 @@ pub struct Manner {
     pub is_plain: bool,
 }
 
-/// Solves the sub-problem at `here`, a point with this KKT error, or takes [`STEPS`] steps towards its solution; `damping` is raised as far as the inertia asks for, and left
-/// there. `last`: where the last sub-problem ended, and then this one.
+/// Solves the sub-problem at `here`, a point with this KKT error, or takes [`STEPS`] steps towards its solution; `damping` is raised as far as
+/// the inertia asks for, and left there. `last`: where the last sub-problem ended, and then this one.
 pub fn solve(
     kkt: &mut Kkt,
     (here, error): (&Iterate, f64),

@@ -153,7 +153,8 @@ const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
 /// are not unique, that which goes on from the last one can go round in a circle.
 const STUCK: (usize, f64) = (3, 1e-3);
-/// After so many such iterations a step that raises the KKT error raises δ, if it lowers the objective by no more than this share.
+/// After so many such iterations a step that raises the KKT error raises δ, to no more than shortens no step, if it lowers the objective by no
+/// more than this share.
 const CIRCLE: usize = 10;
 const LEVEL: f64 = 1e-10;
 const RESTORATIONS: usize = 60;
