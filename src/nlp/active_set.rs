@@ -72,8 +72,7 @@ pub fn solve(
     most: f64,
     active: &[bool],
 ) -> Result<Step, NoStep> {
-    let mut guess = Guess::new(kkt, here, hessian, metric, active);
-    guess.tolerance = PER_ERROR * error.min(1.0);
+    let mut guess = Guess::new(kkt, (here, error), hessian, metric, active);
     let nearly = NEARLY.max(active.len() / FEW);
     let mut allowed = nearly.max(active.len() / MANY);
     for round in 0..ROUNDS {
@@ -127,10 +126,17 @@ struct Wrong {
 }
 
 impl<'a> Guess<'a> {
-    fn new(kkt: &'a mut Kkt, here: &'a Iterate, hessian: &'a Sparse, metric: &'a Sparse, active: &[bool]) -> Self {
+    fn new(
+        kkt: &'a mut Kkt,
+        (here, error): (&'a Iterate, f64),
+        hessian: &'a Sparse,
+        metric: &'a Sparse,
+        active: &[bool],
+    ) -> Self {
         let right = [&here.gradient, &here.equalities, &here.inequalities].into_iter().flatten().map(|v| -v).collect();
         let solution = vec![0.0; kkt.order()];
-        Self { kkt, here, hessian, metric, active: active.to_vec(), right, solution, factorisations: 0, tolerance: 0.0 }
+        let (active, tolerance) = (active.to_vec(), PER_ERROR * error.min(1.0));
+        Self { kkt, here, hessian, metric, active, right, solution, factorisations: 0, tolerance }
     }
 
     /// Factorises; whether H + δ D is positive definite where the active constraints vanish.

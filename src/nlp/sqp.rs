@@ -190,10 +190,8 @@ struct Sqp<'p> {
     active: Option<Vec<bool>>,
     /// δ
     damping: f64,
-    /// Least δ.
-    floor: f64,
-    /// Largest δ with the exact Hessian.
-    most: f64,
+    /// Iterations since the KKT error was last halved.
+    idle: usize,
     /// Whether the last sub-problem had to raise δ against negative curvature.
     curved: bool,
     /// Whether the last sub-problem was that of the convexified Hessian.
@@ -204,10 +202,6 @@ struct Sqp<'p> {
     interior: Option<Interior>,
     /// Whether the interior point is the plain one.
     is_plain: bool,
-    /// Whether it is so for this iteration.
-    is_stuck: bool,
-    /// Whether δ is raised by a step that raises the KKT error and leaves the objective as it is.
-    is_circling: bool,
     /// Whether the factorisation at hand is that of the last sub-problem's step.
     is_at_hand: bool,
     /// Factorisations before this solve.
@@ -274,15 +268,12 @@ impl<'p> Sqp<'p> {
             here,
             active,
             damping: FIRST_DAMPING,
-            floor: USUAL_FLOOR,
-            most: EXACT_DAMPING,
+            idle: 0,
             curved: false,
             convexified: false,
             is_settled: true,
             interior: None,
             is_plain,
-            is_stuck: false,
-            is_circling: false,
             is_at_hand: false,
             factorised,
         }
@@ -305,13 +296,8 @@ impl Sqp<'_> {
             if error.largest() < 0.5 * halved {
                 (halved, since) = (error.largest(), trace.len() - 1);
             }
-            let idle = trace.len() - 1 - since;
-            self.floor = if idle >= IMPATIENCE { SMALLEST_DAMPING } else { USUAL_FLOOR };
-            self.most = if idle >= IMPATIENCE { STUBBORN_DAMPING } else { EXACT_DAMPING };
-            self.is_circling = idle >= CIRCLE;
-            let creeps = idle >= PATIENCE;
-            self.is_stuck = idle >= STUCK.0 && error.largest() < STUCK.1;
-            if let Some(status) = self.is_over(error, trace.len() - 1, creeps) {
+            self.idle = trace.len() - 1 - since;
+            if let Some(status) = self.is_over(error, trace.len() - 1) {
                 break status;
             }
             let record = trace.last_mut().expect("just pushed");
@@ -334,8 +320,8 @@ impl Sqp<'_> {
         SqpOutcome { status, iterate: self.here, trace, factorisations }
     }
 
-    fn is_over(&self, error: KktError, iteration: usize, creeps: bool) -> Option<SqpStatus> {
-        let enough = if creeps { self.settings.tolerance } else { self.settings.target };
+    fn is_over(&self, error: KktError, iteration: usize) -> Option<SqpStatus> {
+        let enough = if self.idle >= PATIENCE { self.settings.tolerance } else { self.settings.target };
         if !self.here.is_finite() || error.largest().is_nan() {
             Some(SqpStatus::NonFinite)
         } else if error.largest() <= enough && self.problem.feasibility(&self.here.x) <= enough {
@@ -349,6 +335,15 @@ impl Sqp<'_> {
         }
     }
 
+    fn least_damping(&self) -> f64 {
+        if self.idle >= IMPATIENCE { SMALLEST_DAMPING } else { USUAL_FLOOR }
+    }
+
+    /// The largest δ with the exact Hessian.
+    fn most_damping(&self) -> f64 {
+        if self.idle >= IMPATIENCE { STUBBORN_DAMPING } else { EXACT_DAMPING }
+    }
+
     fn is_late(&self) -> bool {
         self.settings.deadline.passed()
     }
@@ -360,7 +355,7 @@ impl Sqp<'_> {
         let before = (self.here.violation(), self.here.objective);
         if !self.curved {
             let most = (DAMPING_PER_ERROR * error.largest()).min(EXACT_DAMPING).max(FALL * self.damping);
-            self.damping = self.damping.min(most).max(self.floor);
+            self.damping = self.damping.min(most).max(self.least_damping());
         }
         for attempt in 0..ATTEMPTS {
             if self.is_late() {
@@ -395,13 +390,16 @@ impl Sqp<'_> {
             }
             self.curved = damping > self.damping;
             let whole = accepted.fraction == 1.0;
-            self.damping =
-                if whole && attempt == 0 && !self.curved { (LOWER * damping).max(self.floor) } else { damping };
+            self.damping = if whole && attempt == 0 && !self.curved {
+                (LOWER * damping).max(self.least_damping())
+            } else {
+                damping
+            };
             let direction = self.take(step, accepted, leaps, record);
             // Steps so long that they go to and fro.
             let is_level = before.1 - self.here.objective <= LEVEL * before.1.abs();
-            if self.is_circling && is_level && self.error.largest() >= error.largest() {
-                self.damping = (RAISE * damping).min(SHORTENING);
+            if self.idle >= CIRCLE && is_level && self.error.largest() >= error.largest() {
+                self.damping = (RAISE * damping).min(SHORTENING).max(damping);
             }
             let creeps = self.error.largest() > CREEPING * error.largest();
             let is_short = self.convexified || error.largest() < 1.0 && damping > SHORTENING;
@@ -422,7 +420,8 @@ impl Sqp<'_> {
         // What had to be convexified is so until the active set settles; then it is asked again.
         let was_convexified = std::mem::take(&mut self.convexified);
         let far = error > FAR && !self.is_plain;
-        let mut hopeless = was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(self.most)));
+        let mut hopeless =
+            was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(self.most_damping())));
         if !hopeless && self.active.is_some() {
             self.evaluate_hessian();
         }
@@ -438,7 +437,7 @@ impl Sqp<'_> {
                     &self.hessian,
                     &self.metric,
                     &mut exact,
-                    self.most,
+                    self.most_damping(),
                     guess,
                 );
                 if let Ok(step) = found {
@@ -446,13 +445,13 @@ impl Sqp<'_> {
                     *damping = exact;
                     return Ok(step);
                 }
-                hopeless = exact > self.most;
+                hopeless = exact > self.most_damping();
             }
             // Guessing does not settle on degenerate active sets; an interior point is never in doubt. With the exact
             // Hessian if little δ makes it positive definite, else with the convex one, no finer than that model deserves.
             let coarse = (PER_ERROR * error).clamp(interior_point::COARSE, PER_ERROR);
             let ways = [
-                (Curvature::Exact, self.most, interior_point::FINE),
+                (Curvature::Exact, self.most_damping(), interior_point::FINE),
                 (Curvature::Convex, f64::INFINITY, if self.is_plain { interior_point::COARSE } else { coarse }),
             ];
             for (curvature, most, tolerance) in ways.into_iter().skip(usize::from(hopeless)) {
@@ -466,7 +465,8 @@ impl Sqp<'_> {
                 };
                 let least = if curvature == Curvature::Exact { usual } else { *damping };
                 let mut delta = least;
-                let manner = Manner { most, tolerance, is_plain: self.is_plain || self.is_stuck };
+                let is_stuck = self.idle >= STUCK.0 && error < STUCK.1;
+                let manner = Manner { most, tolerance, is_plain: self.is_plain || is_stuck };
                 let (here, interior) = ((&self.here, error), &mut self.interior);
                 let found = interior_point::solve(self.kkt, here, hessian, &self.metric, &mut delta, manner, interior);
                 let Ok(mut step) = found else { continue };
