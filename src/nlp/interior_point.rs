@@ -27,13 +27,13 @@ use crate::numerics::sparse::Sparse;
 
 const ITERATIONS: usize = 40;
 /// Fraction of the way to the boundary.
-const TO_BOUNDARY: f64 = 0.995;
+const TO_BOUNDARY: f64 = 0.999;
 /// Of a sub-problem that is a model of the Lagrangian to second order, and of one that is not.
 pub const FINE: f64 = 1e-9;
 pub const COARSE: f64 = 1e-6;
 /// Gondzio's corrections: how many, by how much they aim further, what they must gain, the step long enough without them and the
 /// range of s ν, in its aim, that they leave alone.
-const CORRECTIONS: usize = 3;
+const CORRECTIONS: usize = 4;
 const FURTHER: (f64, f64) = (1.08, 0.08);
 const GAIN: f64 = 0.01;
 const LONG: f64 = 0.95;
@@ -42,7 +42,7 @@ const NEAR: (f64, f64) = (0.1, 10.0);
 const LEAST_SLACK: f64 = 1e-2;
 const RAISE: f64 = 1.1;
 /// Steps of one sub-problem.
-const STEPS: usize = 4;
+const STEPS: usize = 2;
 /// A start from the last sub-problem: its s ν is at least DRAWN_BACK E^1.5 in the gradient's size, E the KKT error, and a multiplier makes
 /// no product further from that than by the factor CENTRED.
 const DRAWN_BACK: f64 = 3e-2;
