@@ -138,7 +138,7 @@ const LONGEST_LEAP: f64 = 64.0;
 const MUCH: f64 = 0.5;
 const BETTER: f64 = 0.7;
 /// A plain step that leaves less than this share of the KKT error is only corrected.
-const FAST: f64 = 0.1;
+const FAST: f64 = 0.5;
 /// A step that leaves more than this share of the KKT error creeps.
 const CREEPING: f64 = 0.6;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
