@@ -496,7 +496,7 @@ impl Sqp<'_> {
         let (kkt, here, interior) = (&mut *self.kkt, (&self.here, error), &mut self.interior);
         let found = interior_point::solve(kkt, here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
         if let Ok(step) = found {
-            self.is_at_hand = true;
+            (self.is_at_hand, self.convexified) = (true, true);
             return Ok(step);
         }
         let mut hessian = self.gauss_newton.clone();
