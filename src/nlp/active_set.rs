@@ -62,21 +62,29 @@ pub fn raise(damping: &mut f64) -> Result<(), NoStep> {
 }
 
 /// Solves the sub-problem at `here`, a point with this KKT error, from the guess `active`. `damping` is raised as far as the inertia asks for, to
-/// no more than `most`, and left there for the caller.
+/// no more than `most`, and left there for the caller. Where `most` is in doubt it is asked first: each smaller δ would be tried in vain.
 pub fn solve(
     kkt: &mut Kkt,
     (here, error): (&Iterate, f64),
     hessian: &Sparse,
     metric: &Sparse,
     damping: &mut f64,
-    most: f64,
+    (most, is_in_doubt): (f64, bool),
     active: &[bool],
 ) -> Result<Step, NoStep> {
     let mut guess = Guess::new(kkt, (here, error), hessian, metric, active);
     let nearly = NEARLY.max(active.len() / FEW);
     let mut allowed = nearly.max(active.len() / MANY);
+    if is_in_doubt {
+        if !guess.is_right(damping.max(most)) {
+            *damping = damping.max(RAISE * most);
+            return Err(NoStep::Singular);
+        }
+        guess.factorisations = usize::from(*damping >= most);
+    }
     for round in 0..ROUNDS {
-        if !guess.is_right(*damping) {
+        let is_known = round == 0 && guess.factorisations == 1;
+        if !is_known && !guess.is_right(*damping) {
             // Where the largest δ is not enough, or its step belongs to quite another active set, none between is tried.
             if *damping >= most || !guess.is_right(most) {
                 *damping = damping.max(RAISE * most);
@@ -114,6 +122,7 @@ struct Guess<'a> {
     right: Vec<f64>,
     /// d, λ, −ν
     solution: Vec<f64>,
+    /// Those that count: asking at the largest δ does not, where a smaller one is used.
     factorisations: usize,
     /// By how much a row may be wrong.
     tolerance: f64,

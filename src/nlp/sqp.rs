@@ -420,8 +420,7 @@ impl Sqp<'_> {
         // What had to be convexified is so until the active set settles; then it is asked again.
         let was_convexified = std::mem::take(&mut self.convexified);
         let far = error > FAR && !self.is_plain;
-        let mut hopeless =
-            was_convexified && (!self.is_settled || far || self.is_too_curved(damping.max(self.most_damping())));
+        let mut hopeless = was_convexified && (far || !self.is_settled);
         if !hopeless && self.active.is_some() {
             self.evaluate_hessian();
         }
@@ -437,7 +436,7 @@ impl Sqp<'_> {
                     &self.hessian,
                     &self.metric,
                     &mut exact,
-                    self.most_damping(),
+                    (self.most_damping(), was_convexified),
                     guess,
                 );
                 if let Ok(step) = found {
@@ -476,7 +475,7 @@ impl Sqp<'_> {
                 if delta > less && curvature == Curvature::Exact {
                     let most = less.max(delta / RAISE);
                     let (here, metric) = ((&self.here, error), &self.metric);
-                    match active_set::solve(self.kkt, here, hessian, metric, &mut less, most, &step.active) {
+                    match active_set::solve(self.kkt, here, hessian, metric, &mut less, (most, false), &step.active) {
                         Ok(better) => (step, delta) = (better, less),
                         Err(_) => self.is_at_hand = false,
                     }
@@ -543,14 +542,6 @@ impl Sqp<'_> {
             inequalities: &self.here.inequality_jacobian,
             rows: Rows::Active(active),
         })
-    }
-
-    /// Whether the exact Hessian with damping δ is not positive definite where the last active constraints vanish. One that had to be
-    /// convexified is asked this first: each smaller δ would be tried in vain.
-    fn is_too_curved(&mut self, damping: f64) -> bool {
-        let Some(active) = self.active.clone() else { return false };
-        let inertia = self.factorise(damping, &active);
-        !inertia.is_some_and(|inertia| self.kkt.is_right(inertia))
     }
 
     /// Backtracks along the step until the filter accepts.
