@@ -41,8 +41,10 @@ const NEAR: (f64, f64) = (0.1, 10.0);
 /// The start: least slack, and multiplier in the gradient's size; how far the lowest comes above zero.
 const LEAST_SLACK: f64 = 1e-2;
 const RAISE: f64 = 1.1;
-/// Steps of one sub-problem.
+/// Steps of one sub-problem, and of one where the KKT error is below the last.
 const STEPS: usize = 2;
+const STEPS_NEAR: usize = 4;
+const NEARBY: f64 = 0.1;
 /// A start from the last sub-problem: its s ν is at least DRAWN_BACK E^1.5 in the gradient's size, E the KKT error, and a multiplier makes
 /// no product further from that than by the factor CENTRED.
 const DRAWN_BACK: f64 = 3e-2;
@@ -79,7 +81,7 @@ pub struct Manner {
     pub is_plain: bool,
 }
 
-/// Solves the sub-problem at `here`, a point with this KKT error, or takes [`STEPS`] steps towards its solution; `damping` is raised as far as
+/// Solves the sub-problem at `here`, a point with this KKT error, or takes a few steps towards its solution; `damping` is raised as far as
 /// the inertia asks for, and left there. `last`: where the last sub-problem ended, and then this one.
 pub fn solve(
     kkt: &mut Kkt,
@@ -102,7 +104,11 @@ pub fn solve(
         nu: here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect(),
     });
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
-    let (corrections, steps) = if is_plain { (0, ITERATIONS) } else { (CORRECTIONS, STEPS) };
+    let (corrections, steps) = match () {
+        _ if is_plain => (0, ITERATIONS),
+        _ if error < NEARBY => (CORRECTIONS, STEPS_NEAR),
+        _ => (CORRECTIONS, STEPS),
+    };
     let (mut taken, mut has_asked) = (0, false);
     let mut weights = vec![0.0; mi];
     for factorisations in 0..ITERATIONS {

@@ -101,6 +101,8 @@ pub struct Collocation<'m> {
     gram: Vec<f64>,
     jacobian_scatter: Vec<Scatter>,
     hessian_scatter: Vec<Scatter>,
+    /// Of each local variable with itself: (local variable, slot, factor).
+    metric_scatter: Vec<Scatter>,
     /// Slots of the force rows: point by point, muscle by muscle, (entry 0–2, slot, factor).
     force_scatter: Vec<Scatter>,
     /// Weight of a step in activation beside one in q, see [`Problem::metric`].
@@ -232,7 +234,7 @@ impl<'m> Collocation<'m> {
         for (row, column, slot) in gram_matrix.entries() {
             gram[hessian.slot(row, column)] = gram_matrix.values[slot];
         }
-        let hessian_scatter = layout
+        let hessian_scatter: Vec<Scatter> = layout
             .points
             .iter()
             .map(|Point { map, .. }| {
@@ -248,6 +250,13 @@ impl<'m> Collocation<'m> {
                 scatter
             })
             .collect();
+
+        let with_itself = |&(entry, slot, weight): &(u32, u32, f64)| {
+            let (i, j) = (entry / nz as u32, entry % nz as u32);
+            (i == j).then_some((i, slot, weight))
+        };
+        let metric_scatter =
+            hessian_scatter.iter().map(|scatter| scatter.iter().filter_map(with_itself).collect()).collect();
 
         // Each variable belongs to the first point that has it, where the equations say what it is.
         let mut stages = vec![0; n];
@@ -285,6 +294,7 @@ impl<'m> Collocation<'m> {
             gram,
             jacobian_scatter,
             hessian_scatter,
+            metric_scatter,
             force_scatter,
             activation_weight,
             units,
@@ -439,13 +449,11 @@ impl Problem for Collocation<'_> {
     /// activation, 10 w for fibre length, w/10 for excitation; a fibre velocity is measured against `b3 v_max + |v|`, the scale
     /// on which the force–velocity curve bends.
     fn metric(&self, x: &[f64], out: &mut Sparse) {
-        let nz = self.instant.variables();
-        let nq = self.instant.model.coordinates();
         out.values.fill(0.0);
-        let mut local = vec![0.0; nz * nz];
+        let mut local = vec![0.0; self.instant.variables()];
+        local[..self.instant.model.coordinates()].fill(1.0);
         for point in 0..self.layout.points.len() {
             let z = self.local(point, x);
-            (0..nq).for_each(|i| local[i * nz + i] = 1.0);
             for (m, muscle) in self.instant.model.muscles.iter().enumerate() {
                 let at = self.instant.muscle(m);
                 let bend = muscle.force_velocity.shortening * muscle.max_shortening_velocity;
@@ -454,10 +462,10 @@ impl Problem for Collocation<'_> {
                 let weights =
                     [(ACTIVATION, w), (LENGTH, 10.0 * w), (VELOCITY, w * velocity * velocity), (EXCITATION, 0.1 * w)];
                 for (k, weight) in weights {
-                    local[(at + k) * nz + at + k] = weight;
+                    local[at + k] = weight;
                 }
             }
-            for &(entry, slot, weight) in &self.hessian_scatter[point] {
+            for &(entry, slot, weight) in &self.metric_scatter[point] {
                 out.values[slot as usize] += weight * local[entry as usize];
             }
         }
