@@ -226,7 +226,7 @@ fn begin(values: &mut [f64], steps: &[f64], least: f64) {
     values.iter_mut().for_each(|x| *x = (*x - RAISE * lowest).max(least));
 }
 
-/// Largest step that keeps all entries at or above zero, not bounded by 1 but by 1/0.995.
+/// Largest step that keeps all entries at or above zero, not bounded by 1 but by 1/0.999.
 fn reach(values: &[f64], steps: &[f64]) -> f64 {
     let limit = 1.0 / TO_BOUNDARY;
     values.iter().zip(steps).filter(|(_, d)| **d < 0.0).map(|(v, d)| -v / d).fold(limit, f64::min)

@@ -140,14 +140,14 @@ const BETTER: f64 = 0.7;
 /// A plain step that leaves less than this share of the KKT error is only corrected.
 const FAST: f64 = 0.5;
 /// A step that leaves more than this share of the KKT error creeps.
-const CREEPING: f64 = 0.5;
+const CREEPING: f64 = 0.6;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
 const FEW: usize = 200;
 /// KKT error above which what has been convexified stays so.
 const FAR: f64 = 1.0;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
-const PER_ERROR: f64 = 3e-2;
+const PER_ERROR: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
@@ -160,7 +160,7 @@ const LEVEL: f64 = 1e-10;
 const RESTORATIONS: usize = 60;
 /// How often a step that creeps is made twice as long, and what violation it may leave: this share of the KKT error.
 const DOUBLINGS: usize = 16;
-const EXTENDED: f64 = 0.3;
+const EXTENDED: f64 = 0.1;
 /// δ below this shortens no step.
 const SHORTENING: f64 = 1e-6;
 
