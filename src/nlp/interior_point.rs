@@ -41,7 +41,7 @@ const NEAR: (f64, f64) = (0.1, 10.0);
 /// The start: least slack, and multiplier in the gradient's size; how far the lowest comes above zero.
 const LEAST_SLACK: f64 = 1e-2;
 const RAISE: f64 = 1.1;
-/// Steps of one sub-problem, and of one where the KKT error is below the last.
+/// Steps of one sub-problem, and of one near a solution: the KKT error is below the last.
 const STEPS: usize = 2;
 const STEPS_NEAR: usize = 4;
 const NEARBY: f64 = 0.1;
@@ -104,10 +104,10 @@ pub fn solve(
         nu: here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect(),
     });
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
-    let (corrections, steps) = match () {
-        _ if is_plain => (0, ITERATIONS),
-        _ if error < NEARBY => (CORRECTIONS, STEPS_NEAR),
-        _ => (CORRECTIONS, STEPS),
+    let (corrections, steps) = match (is_plain, error < NEARBY) {
+        (true, _) => (0, ITERATIONS),
+        (false, true) => (CORRECTIONS, STEPS_NEAR),
+        (false, false) => (CORRECTIONS, STEPS),
     };
     let (mut taken, mut has_asked) = (0, false);
     let mut weights = vec![0.0; mi];

@@ -194,7 +194,7 @@ struct Sqp<'p> {
     idle: usize,
     /// Whether the last sub-problem had to raise δ against negative curvature.
     curved: bool,
-    /// Whether the last sub-problem was that of the convexified Hessian.
+    /// Whether the last sub-problem was that of the convexified Hessian, or of JᵀJ.
     convexified: bool,
     /// Whether the last interior point ended with much the same active set as the sub-problem before.
     is_settled: bool,
@@ -335,6 +335,7 @@ impl Sqp<'_> {
         }
     }
 
+    /// The least δ.
     fn least_damping(&self) -> f64 {
         if self.idle >= IMPATIENCE { SMALLEST_DAMPING } else { USUAL_FLOOR }
     }
