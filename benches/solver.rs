@@ -120,7 +120,8 @@ fn qp(bencher: Bencher, points: usize) {
         let active = sinew::nlp::polish::active(&here.inequalities);
         let here = (&here, here.kkt_error().largest());
         bencher.bench_local(|| {
-            active_set::solve(&mut kkt, here, &hessian, &metric, &mut 1e-6, active_set::EXACT_DAMPING, &active).is_ok()
+            active_set::solve(&mut kkt, here, &hessian, &metric, &mut 1e-6, (active_set::EXACT_DAMPING, false), &active)
+                .is_ok()
         });
     });
 }
