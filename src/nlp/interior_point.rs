@@ -25,7 +25,7 @@ use super::iterate::Iterate;
 use super::kkt::{Kkt, KktValues, Rows};
 use crate::numerics::sparse::Sparse;
 
-const ITERATIONS: usize = 40;
+pub const ITERATIONS: usize = 40;
 /// Fraction of the way to the boundary.
 const TO_BOUNDARY: f64 = 0.999;
 /// Of a sub-problem that is a model of the Lagrangian to second order, and of one that is not.
@@ -41,10 +41,6 @@ const NEAR: (f64, f64) = (0.1, 10.0);
 /// The start: least slack, and multiplier in the gradient's size; how far the lowest comes above zero.
 const LEAST_SLACK: f64 = 1e-2;
 const RAISE: f64 = 1.1;
-/// Steps of one sub-problem, and of one near a solution: the KKT error is below the last.
-const STEPS: usize = 2;
-const STEPS_NEAR: usize = 4;
-const NEARBY: f64 = 0.1;
 /// A start from the last sub-problem: its s ν is at least DRAWN_BACK E^1.5 in the gradient's size, E the KKT error, and a multiplier makes
 /// no product further from that than by the factor CENTRED.
 const DRAWN_BACK: f64 = 3e-2;
@@ -77,6 +73,8 @@ pub struct Manner {
     pub most: f64,
     /// Relative.
     pub tolerance: f64,
+    /// No more than these are taken.
+    pub steps: usize,
     /// Each sub-problem from its own start, to its end, without that first step and without the further corrections.
     pub is_plain: bool,
 }
@@ -89,7 +87,7 @@ pub fn solve(
     hessian: &Sparse,
     metric: &Sparse,
     damping: &mut f64,
-    Manner { most, tolerance, is_plain }: Manner,
+    Manner { most, tolerance, steps, is_plain }: Manner,
     last: &mut Option<Interior>,
 ) -> Result<Step, NoStep> {
     let (n, me, mi) = (here.x.len(), here.equalities.len(), here.inequalities.len());
@@ -104,11 +102,7 @@ pub fn solve(
         nu: here.inequality_multipliers.iter().map(|v| v.max(LEAST_SLACK * scale)).collect(),
     });
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
-    let (corrections, steps) = match (is_plain, error < NEARBY) {
-        (true, _) => (0, ITERATIONS),
-        (false, true) => (CORRECTIONS, STEPS_NEAR),
-        (false, false) => (CORRECTIONS, STEPS),
-    };
+    let corrections = if is_plain { 0 } else { CORRECTIONS };
     let (mut taken, mut has_asked) = (0, false);
     let mut weights = vec![0.0; mi];
     for factorisations in 0..ITERATIONS {

@@ -148,6 +148,12 @@ const FEW: usize = 200;
 const FAR: f64 = 1.0;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
 const PER_ERROR: f64 = 1e-2;
+/// Steps of an interior point: far from a solution while the KKT error falls, while it does not, and near one, where the KKT error is below the
+/// last.
+const STEPS: usize = 1;
+const STEPS_IDLE: usize = 2;
+const STEPS_NEAR: usize = 4;
+const NEARBY: f64 = 0.1;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
@@ -345,6 +351,17 @@ impl Sqp<'_> {
         if self.idle >= IMPATIENCE { STUBBORN_DAMPING } else { EXACT_DAMPING }
     }
 
+    /// How an interior point goes about its sub-problem.
+    fn manner(&self, most: f64, tolerance: f64, is_plain: bool) -> Manner {
+        let steps = match self.error.largest() {
+            _ if is_plain => interior_point::ITERATIONS,
+            error if error < NEARBY => STEPS_NEAR,
+            _ if self.idle >= IMPATIENCE => STEPS_IDLE,
+            _ => STEPS,
+        };
+        Manner { most, tolerance, steps, is_plain }
+    }
+
     fn is_late(&self) -> bool {
         self.settings.deadline.passed()
     }
@@ -466,7 +483,7 @@ impl Sqp<'_> {
                 let least = if curvature == Curvature::Exact { usual } else { *damping };
                 let mut delta = least;
                 let is_stuck = self.idle >= STUCK.0 && error < STUCK.1;
-                let manner = Manner { most, tolerance, is_plain: self.is_plain || is_stuck };
+                let manner = self.manner(most, tolerance, self.is_plain || is_stuck);
                 let (here, interior) = ((&self.here, error), &mut self.interior);
                 let found = interior_point::solve(self.kkt, here, hessian, &self.metric, &mut delta, manner, interior);
                 let Ok(mut step) = found else { continue };
@@ -491,7 +508,7 @@ impl Sqp<'_> {
         // At first, and where all else fails. Clarabel scales and pivots differently: what the own interior point cannot solve it may.
         let delta = damping.clamp(CONVEX_DAMPING.0, CONVEX_DAMPING.1);
         let tolerance = if self.is_plain { interior_point::COARSE } else { PER_ERROR };
-        let manner = Manner { most: delta, tolerance, is_plain: self.is_plain };
+        let manner = self.manner(delta, tolerance, self.is_plain);
         let mut same = delta;
         let (kkt, here, interior) = (&mut *self.kkt, (&self.here, error), &mut self.interior);
         let found = interior_point::solve(kkt, here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
@@ -661,7 +678,7 @@ impl Sqp<'_> {
                 there.evaluate(self.problem);
                 there.differentiate(self.problem);
             }
-            let mut error = f64::INFINITY;
+            let mut error = there.kkt_error().largest();
             for _ in 0..3 {
                 self.simplified_step(&mut there, &step.active);
                 let before = std::mem::replace(&mut error, there.kkt_error().largest());
