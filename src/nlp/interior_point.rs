@@ -103,19 +103,21 @@ pub fn solve(
     });
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
     let corrections = if is_plain { 0 } else { CORRECTIONS };
-    let (mut taken, mut has_asked) = (0, false);
+    let (mut taken, mut moved, mut has_asked) = (0, false, false);
     let mut weights = vec![0.0; mi];
-    for factorisations in 0..ITERATIONS {
+    for _ in 0..ITERATIONS {
         // Residuals of the optimality conditions.
         let mut dual = here.gradient.clone();
-        hessian.add_symmetric_product(1.0, &d, &mut dual);
-        metric.add_symmetric_product(*damping, &d, &mut dual);
+        let mut primal = here.equalities.clone();
+        let mut slack: Vec<f64> = here.inequalities.iter().zip(&s).map(|(b, s)| b - s).collect();
+        if moved {
+            hessian.add_symmetric_product(1.0, &d, &mut dual);
+            metric.add_symmetric_product(*damping, &d, &mut dual);
+            here.equality_jacobian.add_product(1.0, &d, &mut primal);
+            here.inequality_jacobian.add_product(1.0, &d, &mut slack);
+        }
         here.equality_jacobian.add_transpose_product(1.0, &lambda, &mut dual);
         here.inequality_jacobian.add_transpose_product(-1.0, &nu, &mut dual);
-        let mut primal = here.equalities.clone();
-        here.equality_jacobian.add_product(1.0, &d, &mut primal);
-        let mut slack: Vec<f64> = here.inequalities.iter().zip(&s).map(|(b, s)| b - s).collect();
-        here.inequality_jacobian.add_product(1.0, &d, &mut slack);
         let mu = s.iter().zip(&nu).map(|(s, nu)| s * nu).sum::<f64>() / mi.max(1) as f64;
         let done = largest(&dual) <= tolerance * scale
             && largest(&primal) <= tolerance
@@ -130,7 +132,7 @@ pub fn solve(
                 equality_multipliers: lambda,
                 inequality_multipliers: nu,
                 qp_iterations: 0,
-                is_settled: factorisations == 1,
+                is_settled: false,
             });
         }
         weights.iter_mut().zip(s.iter().zip(&nu)).for_each(|(w, (s, nu))| *w = s / nu);
@@ -169,6 +171,7 @@ pub fn solve(
         let (ds, dnu) = step(&plain, &mut solution, kkt);
         if !std::mem::replace(&mut has_begun, true) {
             d.iter_mut().zip(&solution[..n]).for_each(|(x, dx)| *x += dx);
+            moved = true;
             lambda.iter_mut().zip(&solution[n..n + me]).for_each(|(x, dx)| *x += dx);
             begin(&mut s, &ds, LEAST_SLACK);
             begin(&mut nu, &dnu, LEAST_SLACK * scale);
@@ -208,7 +211,7 @@ pub fn solve(
         lambda.iter_mut().zip(&solution[n..n + me]).for_each(|(x, dx)| *x += alpha * dx);
         s.iter_mut().zip(&ds).for_each(|(x, dx)| *x += alpha * dx);
         nu.iter_mut().zip(&dnu).for_each(|(x, dx)| *x += alpha * dx);
-        taken += 1;
+        (taken, moved) = (taken + 1, true);
     }
     Err(NoStep::Unsettled)
 }

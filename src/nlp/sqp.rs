@@ -208,6 +208,9 @@ struct Sqp<'p> {
     interior: Option<Interior>,
     /// Whether the interior point is the plain one.
     is_plain: bool,
+    /// Whether the last sub-problem was not solved to its end, and whether such a step was refused at this point.
+    is_rough: bool,
+    refused: bool,
     /// Whether the factorisation at hand is that of the last sub-problem's step.
     is_at_hand: bool,
     /// Factorisations before this solve.
@@ -280,6 +283,8 @@ impl<'p> Sqp<'p> {
             is_settled: true,
             interior: None,
             is_plain,
+            is_rough: false,
+            refused: false,
             is_at_hand: false,
             factorised,
         }
@@ -368,7 +373,7 @@ impl Sqp<'_> {
 
     /// One step from `here` to the next point.
     fn iterate(&mut self, error: KktError, record: &mut Record) -> Result<(), SqpStatus> {
-        self.has_hessian = false;
+        (self.has_hessian, self.refused) = (false, false);
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
         if !self.curved {
@@ -392,7 +397,14 @@ impl Sqp<'_> {
             };
             record.qp_iterations += step.qp_iterations;
             let Some(mut accepted) = self.search(&step, damping, error) else {
-                self.damping = (RAISE * damping).max(1e-10);
+                // What an interior point has not solved to its end says nothing of δ, and where it has a larger δ does not help either.
+                if self.is_rough {
+                    self.refused = true;
+                } else if self.refused {
+                    break;
+                } else {
+                    self.damping = (RAISE * damping).max(1e-10);
+                }
                 continue;
             };
             let leaps = accepted.fraction == 1.0
@@ -433,7 +445,7 @@ impl Sqp<'_> {
 
     /// Step and multipliers of the quadratic sub-problem; `damping` comes back as it was used.
     fn sub_problem(&mut self, damping: &mut f64) -> Result<Step, QpFailure> {
-        self.is_at_hand = false;
+        (self.is_at_hand, self.is_rough) = (false, false);
         let error = self.error.largest();
         // What had to be convexified is so until the active set settles; then it is asked again.
         let was_convexified = std::mem::take(&mut self.convexified);
@@ -483,18 +495,18 @@ impl Sqp<'_> {
                 let least = if curvature == Curvature::Exact { usual } else { *damping };
                 let mut delta = least;
                 let is_stuck = self.idle >= STUCK.0 && error < STUCK.1;
-                let manner = self.manner(most, tolerance, self.is_plain || is_stuck);
+                let manner = self.manner(most, tolerance, self.is_plain || is_stuck || self.refused);
                 let (here, interior) = ((&self.here, error), &mut self.interior);
                 let found = interior_point::solve(self.kkt, here, hessian, &self.metric, &mut delta, manner, interior);
                 let Ok(mut step) = found else { continue };
-                self.is_at_hand = true;
+                (self.is_at_hand, self.is_rough) = (true, !manner.is_plain);
                 // Away from its end the interior point may need more δ than its solution does.
                 let mut less = least;
                 if delta > less && curvature == Curvature::Exact {
                     let most = less.max(delta / RAISE);
                     let (here, metric) = ((&self.here, error), &self.metric);
                     match active_set::solve(self.kkt, here, hessian, metric, &mut less, (most, false), &step.active) {
-                        Ok(better) => (step, delta) = (better, less),
+                        Ok(better) => (step, delta, self.is_rough) = (better, less, false),
                         Err(_) => self.is_at_hand = false,
                     }
                 }
@@ -508,12 +520,12 @@ impl Sqp<'_> {
         // At first, and where all else fails. Clarabel scales and pivots differently: what the own interior point cannot solve it may.
         let delta = damping.clamp(CONVEX_DAMPING.0, CONVEX_DAMPING.1);
         let tolerance = if self.is_plain { interior_point::COARSE } else { PER_ERROR };
-        let manner = self.manner(delta, tolerance, self.is_plain);
+        let manner = self.manner(delta, tolerance, self.is_plain || self.refused);
         let mut same = delta;
         let (kkt, here, interior) = (&mut *self.kkt, (&self.here, error), &mut self.interior);
         let found = interior_point::solve(kkt, here, &self.gauss_newton, &self.metric, &mut same, manner, interior);
         if let Ok(step) = found {
-            (self.is_at_hand, self.convexified) = (true, true);
+            (self.is_at_hand, self.convexified, self.is_rough) = (true, true, !manner.is_plain);
             return Ok(step);
         }
         let mut hessian = self.gauss_newton.clone();

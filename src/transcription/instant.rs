@@ -40,7 +40,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Matrix4};
 use num_dual::Dual64;
 
 use crate::model::Model;
@@ -470,26 +470,33 @@ impl<'m> Instant<'m> {
     /// positive curvature only, what couples them is left out.
     pub fn convexify(&self, hessian: &mut [f64]) {
         let nz = self.variables();
-        let mut convex = vec![0.0; nz * nz];
-        let mut keep = |places: &[usize]| {
-            let block = DMatrix::from_fn(places.len(), places.len(), |i, j| hessian[places[i] * nz + places[j]]);
-            let eigen = block.symmetric_eigen();
-            for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-                if *value > 0.0 {
-                    for (i, &row) in places.iter().enumerate() {
-                        for (j, &column) in places.iter().enumerate() {
-                            convex[row * nz + column] += value * vector[i] * vector[j];
-                        }
+        let body: Vec<usize> = (0..self.nq).collect();
+        let muscles: Vec<[usize; 4]> = (0..self.nm)
+            .map(|m| [ACTIVATION, LENGTH, VELOCITY, EXCITATION].map(|variable| self.muscle(m) + variable))
+            .collect();
+        let of_body = DMatrix::from_fn(self.nq, self.nq, |i, j| hessian[i * nz + j]);
+        let of_muscles: Vec<Matrix4<f64>> =
+            muscles.iter().map(|places| Matrix4::from_fn(|i, j| hessian[places[i] * nz + places[j]])).collect();
+        hessian.fill(0.0);
+        let mut keep = |places: &[usize], value: f64, vector: &[f64]| {
+            if value > 0.0 {
+                for (&row, in_row) in places.iter().zip(vector) {
+                    for (&column, in_column) in places.iter().zip(vector) {
+                        hessian[row * nz + column] += value * in_row * in_column;
                     }
                 }
             }
         };
-        keep(&(0..self.nq).collect::<Vec<_>>());
-        for m in 0..self.nm {
-            let at = self.muscle(m);
-            keep(&[at + ACTIVATION, at + LENGTH, at + VELOCITY, at + EXCITATION]);
+        let eigen = of_body.symmetric_eigen();
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            keep(&body, *value, vector.as_slice());
         }
-        hessian.copy_from_slice(&convex);
+        for (places, block) in muscles.iter().zip(of_muscles) {
+            let eigen = block.symmetric_eigen();
+            for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+                keep(places, *value, vector.as_slice());
+            }
+        }
     }
 
     /// Every (row, local variable) where the Jacobian can be non-zero.

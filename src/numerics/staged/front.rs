@@ -192,17 +192,19 @@ fn largest_of<S: Simd>(simd: S, values: &[Lane]) -> f64 {
     simd.reduce_max_f64s(values.iter().fold(simd.splat_f64s(0.0), |a, v| simd.max_f64s(a, simd.abs_f64s(*v))))
 }
 
-/// Σ aᵢ bᵢ, in as many sums as a lane has columns: the same for each width of vector registers.
+/// Σ aᵢ bᵢ, in as many sums as a lane has columns: the same for each width of vector registers. From the last lane back: of `b` it is the first
+/// that the caller has just written.
 #[inline(always)]
 fn dot<S: Simd>(simd: S, a: &[Lane], b: &[Lane]) -> f64 {
     let mut sums = Lane::default();
-    for (a, b) in a.iter().zip(b) {
+    for (a, b) in a.iter().zip(b).rev() {
         let (a, b) = (S::as_simd_f64s(&a.0).0, S::as_simd_f64s(&b.0).0);
         for (sum, (a, b)) in S::as_mut_simd_f64s(&mut sums.0).0.iter_mut().zip(a.iter().zip(b)) {
             *sum = simd.add_f64s(*sum, simd.mul_f64s(*a, *b));
         }
     }
-    sums.0.iter().sum()
+    let [a, b, c, d, e, f, g, h] = sums.0;
+    ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
 /// Makes pivots of as many rows as are acceptable, of the last front all; they come first then. Returns their number.
