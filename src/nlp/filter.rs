@@ -31,6 +31,11 @@ impl Filter {
         Self { entries: Vec::new(), ceiling: 1e2 * violation.max(1.0), floor: 1e-4 * violation.max(1.0) }
     }
 
+    /// Whether no pair has been met.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
     /// Judges the step from (θ, f), where the KKT error is `error`, by the fraction α with slope `∇fᵀ d` to `trial`.
     pub fn judge(&self, here: (f64, f64), error: f64, slope: f64, alpha: f64, trial: (f64, f64)) -> Verdict {
         let ((violation, objective), (trial_violation, trial_objective)) = (here, trial);

@@ -64,6 +64,24 @@ impl Iterate {
         iterate
     }
 
+    /// `self` moved by `fraction · direction`: its functions and its multipliers. First derivatives are there only after
+    /// [`Iterate::differentiate`].
+    pub fn moved(&self, problem: &dyn Problem, direction: &[f64], fraction: f64) -> Self {
+        let mut moved = Self {
+            x: self.x.iter().zip(direction).map(|(x, d)| x + fraction * d).collect(),
+            equality_multipliers: self.equality_multipliers.clone(),
+            inequality_multipliers: self.inequality_multipliers.clone(),
+            objective: 0.0,
+            gradient: vec![0.0; self.x.len()],
+            equalities: vec![0.0; self.equalities.len()],
+            inequalities: vec![0.0; self.inequalities.len()],
+            equality_jacobian: self.equality_jacobian.without_values(),
+            inequality_jacobian: self.inequality_jacobian.without_values(),
+        };
+        moved.evaluate(problem);
+        moved
+    }
+
     /// f, c, d at x.
     pub fn evaluate(&mut self, problem: &dyn Problem) {
         self.objective = 0.5 * residual(problem, &self.x).iter().map(|r| r * r).sum::<f64>();
@@ -96,9 +114,14 @@ impl Iterate {
     }
 
     pub fn kkt_error(&self) -> KktError {
+        self.kkt_error_with(&self.lagrangian_gradient())
+    }
+
+    /// [`Iterate::kkt_error`] where ∇L is known.
+    pub fn kkt_error_with(&self, lagrangian_gradient: &[f64]) -> KktError {
         let scale = largest(self.gradient.iter().map(|g| g.abs())).max(1e-3);
         KktError {
-            stationarity: largest(self.lagrangian_gradient().iter().map(|g| g.abs())) / scale,
+            stationarity: largest(lagrangian_gradient.iter().map(|g| g.abs())) / scale,
             feasibility: larger(
                 largest(self.equalities.iter().map(|c| c.abs())),
                 largest(self.inequalities.iter().map(|d| -d)),

@@ -600,10 +600,7 @@ impl Sqp<'_> {
 
     /// `here + fraction · direction`, functions evaluated.
     fn at(&self, direction: &[f64], fraction: f64) -> Iterate {
-        let mut trial = self.here.clone();
-        trial.x.iter_mut().zip(direction).for_each(|(x, d)| *x += fraction * d);
-        trial.evaluate(self.problem);
-        trial
+        self.here.moved(self.problem, direction, fraction)
     }
 
     /// Near a solution f and θ are only noise: a full step that lowers the KKT error is taken.
@@ -684,16 +681,19 @@ impl Sqp<'_> {
         let mut next = Some(1.0);
         while let Some(far) = next {
             next = (far < longest).then(|| longest.min(LONGER * far));
-            let mut there = trial.clone();
-            if far > 1.0 {
-                there.x.iter_mut().zip(&step.direction).for_each(|(x, d)| *x += (far - 1.0) * d);
-                there.evaluate(self.problem);
+            let mut there = if far > 1.0 {
+                let mut there = trial.moved(self.problem, &step.direction, far - 1.0);
                 there.differentiate(self.problem);
-            }
-            let mut error = there.kkt_error().largest();
+                there
+            } else {
+                trial.clone()
+            };
+            let mut slope = there.lagrangian_gradient();
+            let mut error = there.kkt_error_with(&slope).largest();
             for _ in 0..3 {
-                self.simplified_step(&mut there, &step.active);
-                let before = std::mem::replace(&mut error, there.kkt_error().largest());
+                self.simplified_step(&mut there, &slope, &step.active);
+                slope = there.lagrangian_gradient();
+                let before = std::mem::replace(&mut error, there.kkt_error_with(&slope).largest());
                 if error > 0.5 * before || error <= self.settings.target {
                     break;
                 }
@@ -714,10 +714,10 @@ impl Sqp<'_> {
         }
     }
 
-    /// One Newton step on the optimality conditions of `point` with the factorisation at hand.
-    fn simplified_step(&mut self, point: &mut Iterate, active: &[bool]) {
+    /// One Newton step on the optimality conditions of `point`, ∇L being `slope` there, with the factorisation at hand.
+    fn simplified_step(&mut self, point: &mut Iterate, slope: &[f64], active: &[bool]) {
         let (n, me) = (point.x.len(), point.equalities.len());
-        let mut right: Vec<f64> = point.lagrangian_gradient().iter().map(|g| -g).collect();
+        let mut right: Vec<f64> = slope.iter().map(|g| -g).collect();
         right.extend(point.equalities.iter().map(|c| -c));
         right.extend(point.inequalities.iter().map(|d| -d));
         let mut solution = vec![0.0; self.kkt.order()];
@@ -832,7 +832,13 @@ impl Sqp<'_> {
         }
         record.step_norm = distance(&start.x, &self.here.x);
         if self.here.violation() > goal {
-            return Err(SqpStatus::Stalled);
+            if self.filter.is_empty() {
+                return Err(SqpStatus::Stalled);
+            }
+            // What was met before may be all that is in the way.
+            self.filter = Filter::new(start.violation());
+            self.here = start;
+            return Ok(());
         }
         // A filter that will not have the restored point would have nothing near it either: it begins anew.
         if self.filter.allows((self.here.violation(), self.here.objective)) {

@@ -89,6 +89,12 @@ impl Sparse {
         matrix
     }
 
+    /// The pattern, for values that are still to come.
+    pub fn without_values(&self) -> Self {
+        let (column_start, row_index) = (self.column_start.clone(), self.row_index.clone());
+        Self { column_start, row_index, values: Vec::new(), ..*self }
+    }
+
     /// (row, value) of a column's entries.
     fn column(&self, column: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let slots = self.column_start[column]..self.column_start[column + 1];

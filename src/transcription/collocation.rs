@@ -402,8 +402,8 @@ impl Problem for Collocation<'_> {
 
     fn jacobians(&self, x: &[f64], equalities: &mut Sparse, inequalities: &mut Sparse) {
         let (nz, rows) = (self.instant.variables(), self.instant.equations());
-        equalities.values.copy_from_slice(&self.equality_pattern.values);
-        inequalities.values.copy_from_slice(&self.inequality_pattern.values);
+        equalities.values.clone_from(&self.equality_pattern.values);
+        inequalities.values.clone_from(&self.inequality_pattern.values);
         let mut local = vec![0.0; rows * nz];
         let mut force = vec![[0.0; 3]; self.instant.model.muscles.len()];
         for point in 0..self.layout.points.len() {
