@@ -42,7 +42,7 @@ pub struct Step {
     /// Interior-point iterations spent in Clarabel; 0 if the active set was guessed.
     pub qp_iterations: usize,
     /// Whether the factorisation left in the [`Kkt`] is the one that gave this step, and the first one tried:
-    /// nothing had to change.
+    /// nothing had to change. Never of an interior point, whose factorisation is of another system.
     pub is_settled: bool,
 }
 

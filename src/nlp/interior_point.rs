@@ -14,7 +14,7 @@
 //!
 //! The first step only finds a start: taken in full, all slacks and all multipliers are then raised by what the lowest lacks, so that
 //! the residuals of the equalities are gone and no product s ν stands out. From the second sub-problem on it begins where the last one ended
-//! ([`Interior`]), drawn back from the bounds by as much as is left of the KKT error, takes a few steps and leaves the rest to the next
+//! ([`Interior`]), drawn back from the bounds by as much as is left of the KKT error, takes a step or a few and leaves the rest to the next
 //! sub-problem: far from a solution a linearisation is not worth more. Each factorisation serves the predictor, the corrector
 //! and, while they make the step longer, a few more that bring the products s ν nearer to each other.
 //!
@@ -103,6 +103,7 @@ pub fn solve(
     });
     let [mut right, mut solution, mut corrected] = [(); 3].map(|()| vec![0.0; kkt.order()]);
     let corrections = if is_plain { 0 } else { CORRECTIONS };
+    // `moved`: d is not zero.
     let (mut taken, mut moved, mut has_asked) = (0, false, false);
     let mut weights = vec![0.0; mi];
     for _ in 0..ITERATIONS {

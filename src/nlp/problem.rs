@@ -37,7 +37,7 @@ pub trait Problem: Sync {
     /// Zero matrices with the patterns of ∂c/∂x, ∂d/∂x and of the upper triangle of ∇²L.
     fn patterns(&self) -> [&Sparse; 3];
 
-    /// ∂c/∂x and ∂d/∂x into matrices of the given patterns.
+    /// ∂c/∂x and ∂d/∂x into matrices of the given patterns, which need not have values before.
     fn jacobians(&self, x: &[f64], equalities: &mut Sparse, inequalities: &mut Sparse);
 
     /// Upper triangle of ∇²ₓₓ L(x, λ, ν), JᵀJ included; or a positive semidefinite matrix near it.

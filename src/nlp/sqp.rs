@@ -10,7 +10,8 @@
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
 //!     extend        a step that δ or the convexified Hessian has kept short, for as long as the objective falls
-//!     on failure    raise δ; then restore feasibility (by Clarabel); then give up as `stalled` or `infeasible`
+//!     on failure    raise δ, or solve to its end what an interior point has not; then restore feasibility (by Clarabel), or begin the
+//!                   filter anew; then give up as `stalled` or `infeasible`
 //! ```
 //!
 //! δ D is a proximal term in the problem's own metric D. It is raised until H + δ D is positive definite on the
@@ -148,8 +149,8 @@ const FEW: usize = 200;
 const FAR: f64 = 1.0;
 /// Tolerance of the convexified sub-problem: this share of the KKT error, and no more.
 const PER_ERROR: f64 = 1e-2;
-/// Steps of an interior point: far from a solution while the KKT error falls, while it does not, and near one, where the KKT error is below the
-/// last.
+/// Steps of an interior point: far from a solution while the KKT error falls, where it does not, and near one, the KKT error being below
+/// NEARBY.
 const STEPS: usize = 1;
 const STEPS_IDLE: usize = 2;
 const STEPS_NEAR: usize = 4;
@@ -780,7 +781,8 @@ impl Sqp<'_> {
     }
 
     /// Feasibility phase: lowers ½‖c‖² by Levenberg–Marquardt steps that keep the linearised inequalities, until the filter
-    /// accepts the point. Ends as `Infeasible` at a stationary point of ½‖c‖² and as `Stalled` where it does not move.
+    /// accepts the point. Ends as `Infeasible` at a stationary point of ½‖c‖². Where it does not move the filter begins anew, and with nothing in that
+    /// it ends as `Stalled`.
     fn restore(&mut self, record: &mut Record) -> Result<(), SqpStatus> {
         let start = self.here.clone();
         let goal = 0.5 * start.violation();
@@ -830,15 +832,16 @@ impl Sqp<'_> {
                 }
             }
         }
-        record.step_norm = distance(&start.x, &self.here.x);
-        if self.here.violation() > goal {
-            if self.filter.is_empty() {
-                return Err(SqpStatus::Stalled);
-            }
+        let has_failed = self.here.violation() > goal;
+        if has_failed && !self.filter.is_empty() {
             // What was met before may be all that is in the way.
             self.filter = Filter::new(start.violation());
             self.here = start;
             return Ok(());
+        }
+        record.step_norm = distance(&start.x, &self.here.x);
+        if has_failed {
+            return Err(SqpStatus::Stalled);
         }
         // A filter that will not have the restored point would have nothing near it either: it begins anew.
         if self.filter.allows((self.here.violation(), self.here.objective)) {
