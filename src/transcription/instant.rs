@@ -470,33 +470,27 @@ impl<'m> Instant<'m> {
     /// positive curvature only, what couples them is left out.
     pub fn convexify(&self, hessian: &mut [f64]) {
         let nz = self.variables();
-        let body: Vec<usize> = (0..self.nq).collect();
-        let muscles: Vec<[usize; 4]> = (0..self.nm)
-            .map(|m| [ACTIVATION, LENGTH, VELOCITY, EXCITATION].map(|variable| self.muscle(m) + variable))
-            .collect();
-        let of_body = DMatrix::from_fn(self.nq, self.nq, |i, j| hessian[i * nz + j]);
-        let of_muscles: Vec<Matrix4<f64>> =
-            muscles.iter().map(|places| Matrix4::from_fn(|i, j| hessian[places[i] * nz + places[j]])).collect();
-        hessian.fill(0.0);
-        let mut keep = |places: &[usize], value: f64, vector: &[f64]| {
-            if value > 0.0 {
+        let mut convex = vec![0.0; nz * nz];
+        let mut keep = |places: &[usize], values: &[f64], vectors: &[f64]| {
+            for (value, vector) in
+                values.iter().zip(vectors.chunks_exact(places.len())).filter(|(value, _)| **value > 0.0)
+            {
                 for (&row, in_row) in places.iter().zip(vector) {
                     for (&column, in_column) in places.iter().zip(vector) {
-                        hessian[row * nz + column] += value * in_row * in_column;
+                        convex[row * nz + column] += value * in_row * in_column;
                     }
                 }
             }
         };
-        let eigen = of_body.symmetric_eigen();
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-            keep(&body, *value, vector.as_slice());
+        let body: Vec<usize> = (0..self.nq).collect();
+        let eigen = DMatrix::from_fn(self.nq, self.nq, |i, j| hessian[i * nz + j]).symmetric_eigen();
+        keep(&body, eigen.eigenvalues.as_slice(), eigen.eigenvectors.as_slice());
+        for m in 0..self.nm {
+            let places = [ACTIVATION, LENGTH, VELOCITY, EXCITATION].map(|variable| self.muscle(m) + variable);
+            let eigen = Matrix4::from_fn(|i, j| hessian[places[i] * nz + places[j]]).symmetric_eigen();
+            keep(&places, eigen.eigenvalues.as_slice(), eigen.eigenvectors.as_slice());
         }
-        for (places, block) in muscles.iter().zip(of_muscles) {
-            let eigen = block.symmetric_eigen();
-            for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-                keep(places, *value, vector.as_slice());
-            }
-        }
+        hessian.copy_from_slice(&convex);
     }
 
     /// Every (row, local variable) where the Jacobian can be non-zero.
