@@ -15,11 +15,9 @@ use crate::numerics::sparse::Sparse;
 const ROUNDS: usize = 12;
 /// A linear system solved worse than this (relative) is one of contradicting constraints.
 const ACCURACY: f64 = 1e-6;
-/// More wrong rows than these, one of so many, are too many from this round on, or when a round does not halve them; and at first one of so
-/// many.
+/// More wrong rows than these, one of so many, are too many when a round does not halve them; and at first one of so many.
 const NEARLY: usize = 4;
 const FEW: usize = 200;
-const PATIENCE: usize = 3;
 const MANY: usize = 10;
 /// Rows may be wrong by this share of the KKT error, and in any case by so much.
 const PER_ERROR: f64 = 3e-2;
@@ -29,8 +27,6 @@ const LARGEST_DAMPING: f64 = 1e8;
 /// A Hessian that needs more than this is convexified: that serves better.
 pub const EXACT_DAMPING: f64 = 5e-4;
 const RAISE: f64 = 5.0;
-/// δ that is right is taken where it is no more than this times one that is not: what lies between would cost more than it gains.
-const NEAR: f64 = 6.0;
 
 /// The step and multipliers of the sub-problem.
 #[derive(Clone, Debug)]
@@ -90,20 +86,17 @@ pub fn solve(
                 *damping = damping.max(RAISE * most);
                 return Err(NoStep::Singular);
             }
-            if NEAR * *damping >= most {
-                *damping = most;
-            } else if guess.wrong_rows()?.rows.len() > allowed {
+            if guess.wrong_rows()?.rows.len() > allowed {
                 return Err(NoStep::Unsettled);
-            } else {
-                guess.raise(damping, most)?;
             }
+            guess.raise(damping, most)?;
         }
         let wrong = guess.wrong_rows()?;
         if wrong.are_slight {
             return Ok(guess.step(&wrong.rows));
         }
         let count = wrong.rows.len();
-        if count > allowed || count > nearly && round >= PATIENCE {
+        if count > allowed {
             return Err(NoStep::Unsettled);
         }
         allowed = nearly.max(count / 2);

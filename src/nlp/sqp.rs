@@ -120,14 +120,13 @@ const PATIENCE: usize = 30;
 /// Least δ: however small it keeps muscles that run away from running further than it takes. After so many such iterations it gives way to
 /// an even smaller one, and the largest δ with the exact Hessian to this: the convexified Hessian, however good far away, creeps here.
 const USUAL_FLOOR: f64 = 1e-13;
-const IMPATIENCE: usize = 3;
+const IMPATIENCE: usize = 10;
 const STUBBORN_DAMPING: f64 = 1e-2;
 const FIRST_DAMPING: f64 = 1e-2;
 /// Δ of the proximal term in Clarabel's sub-problem.
 const CONVEX_DAMPING: (f64, f64) = (1e-2, 1e6);
-/// δ after a full step, and the least share of it that the KKT error may leave.
+/// δ after a full step.
 const LOWER: f64 = 0.2;
-const FALL: f64 = 0.01;
 const RAISE: f64 = 10.0;
 const ATTEMPTS: usize = 12;
 const SMALLEST_FRACTION: f64 = 0.05;
@@ -141,7 +140,7 @@ const BETTER: f64 = 0.7;
 /// A plain step that leaves less than this share of the KKT error is only corrected.
 const FAST: f64 = 0.5;
 /// A step that leaves more than this share of the KKT error creeps.
-const CREEPING: f64 = 0.6;
+const CREEPING: f64 = 0.4;
 /// An active set that has changed by no more rows than these, or one of so many, has settled.
 const NEARLY: usize = 2;
 const FEW: usize = 200;
@@ -160,16 +159,10 @@ const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
 /// are not unique, that which goes on from the last one can go round in a circle.
 const STUCK: (usize, f64) = (3, 1e-3);
-/// After so many such iterations a step that raises the KKT error raises δ, to no more than shortens no step, if it lowers the objective by no
-/// more than this share.
-const CIRCLE: usize = 10;
-const LEVEL: f64 = 1e-10;
 const RESTORATIONS: usize = 60;
 /// How often a step that creeps is made twice as long, and what violation it may leave: this share of the KKT error.
 const DOUBLINGS: usize = 16;
 const EXTENDED: f64 = 0.1;
-/// δ below this shortens no step.
-const SHORTENING: f64 = 1e-6;
 
 /// A trial point that was accepted.
 struct Accepted {
@@ -378,7 +371,7 @@ impl Sqp<'_> {
         self.problem.metric(&self.here.x, &mut self.metric);
         let before = (self.here.violation(), self.here.objective);
         if !self.curved {
-            let most = (DAMPING_PER_ERROR * error.largest()).min(EXACT_DAMPING).max(FALL * self.damping);
+            let most = (DAMPING_PER_ERROR * error.largest()).min(EXACT_DAMPING);
             self.damping = self.damping.min(most).max(self.least_damping());
         }
         for attempt in 0..ATTEMPTS {
@@ -421,19 +414,16 @@ impl Sqp<'_> {
             }
             self.curved = damping > self.damping;
             let whole = accepted.fraction == 1.0;
-            self.damping = if whole && attempt == 0 && !self.curved {
+            let direction = self.take(step, accepted, leaps, record);
+            // Steps so long that they go to and fro.
+            let is_too_long = self.idle >= IMPATIENCE && self.error.largest() >= error.largest();
+            self.damping = if whole && attempt == 0 && !self.curved && !is_too_long {
                 (LOWER * damping).max(self.least_damping())
             } else {
                 damping
             };
-            let direction = self.take(step, accepted, leaps, record);
-            // Steps so long that they go to and fro.
-            let is_level = before.1 - self.here.objective <= LEVEL * before.1.abs();
-            if self.idle >= CIRCLE && is_level && self.error.largest() >= error.largest() {
-                self.damping = (RAISE * damping).min(SHORTENING).max(damping);
-            }
             let creeps = self.error.largest() > CREEPING * error.largest();
-            let is_short = self.convexified || error.largest() < 1.0 && damping > SHORTENING;
+            let is_short = self.convexified || error.largest() < 1.0;
             if creeps && whole && is_short {
                 self.extend(&direction, damping, record);
             }
