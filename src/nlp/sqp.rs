@@ -9,9 +9,9 @@
 //!                   4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (qp)
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
-//!     extend        a step that δ or the convexified Hessian has kept short, for as long as the objective falls
-//!     on failure    raise δ, or solve to its end what an interior point has not; then restore feasibility (by Clarabel), or begin the
-//!                   filter anew; then give up as `stalled` or `infeasible`
+//!     extend        a step that creeps, for as long as the objective falls
+//!     on failure    solve to its end what an interior point has not; with a solution at hand begin the filter anew; raise δ; restore
+//!                   feasibility (by Clarabel), or begin the filter anew; give up as `stalled` or `infeasible`
 //! ```
 //!
 //! δ D is a proximal term in the problem's own metric D. It is raised until H + δ D is positive definite on the
@@ -154,6 +154,8 @@ const STEPS: usize = 1;
 const STEPS_IDLE: usize = 2;
 const STEPS_NEAR: usize = 4;
 const NEARBY: f64 = 0.1;
+/// KKT error below which f and θ are only noise.
+const AT_HAND: f64 = 1e-2;
 /// Without negative curvature δ starts no larger than this times the KKT error, so that the last steps are Newton's.
 const DAMPING_PER_ERROR: f64 = 3e-3;
 /// After so many iterations that do not halve a KKT error below this one sub-problem is solved by the plain interior point: where multipliers
@@ -391,9 +393,12 @@ impl Sqp<'_> {
             };
             record.qp_iterations += step.qp_iterations;
             let Some(mut accepted) = self.search(&step, damping, error) else {
-                // What an interior point has not solved to its end says nothing of δ, and where it has a larger δ does not help either.
+                // What an interior point has not solved to its end says nothing of δ, and where it has a larger δ does not help either; nor does it
+                // where what was met before is all that is in the way.
                 if self.is_rough {
                     self.refused = true;
+                } else if error.largest() < AT_HAND && !self.filter.is_empty() {
+                    self.filter = Filter::new(before.0);
                 } else if self.refused {
                     break;
                 } else {
@@ -423,8 +428,7 @@ impl Sqp<'_> {
                 damping
             };
             let creeps = self.error.largest() > CREEPING * error.largest();
-            let is_short = self.convexified || error.largest() < 1.0;
-            if creeps && whole && is_short {
+            if creeps && whole && (self.convexified || error.largest() < FAR) {
                 self.extend(&direction, damping, record);
             }
             return Ok(());
@@ -594,9 +598,9 @@ impl Sqp<'_> {
         self.here.moved(self.problem, direction, fraction)
     }
 
-    /// Near a solution f and θ are only noise: a full step that lowers the KKT error is taken.
+    /// With a solution at hand a full step that lowers the KKT error is taken.
     fn lowers_the_error(&self, trial: &Iterate, step: &Step, error: KktError) -> bool {
-        if error.largest() >= 1e-2 {
+        if error.largest() >= AT_HAND {
             return false;
         }
         let mut full = trial.clone();
@@ -721,7 +725,7 @@ impl Sqp<'_> {
         point.differentiate(self.problem);
     }
 
-    /// Against negative curvature, or where the Lagrangian is flat, δ or the convexified Hessian makes a step short: goes on along it, doubling,
+    /// Against negative curvature, or where the Lagrangian is flat, δ or the convexified Hessian makes a step short and it creeps: goes on along it, doubling,
     /// for as long as the objective falls, with two steps back to the constraints each time.
     fn extend(&mut self, direction: &[f64], damping: f64, record: &mut Record) {
         let active = self.active.clone().unwrap_or_default();
