@@ -9,7 +9,7 @@
 //!                   4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (qp)
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
-//!     extend        a step that creeps, for as long as the objective falls
+//!     extend        a step that δ or the convexified Hessian has kept short, for as long as the objective falls
 //!     on failure    solve to its end what an interior point has not; with a solution at hand begin the filter anew; raise δ; restore
 //!                   feasibility (by Clarabel), or begin the filter anew; give up as `stalled` or `infeasible`
 //! ```
@@ -165,6 +165,8 @@ const RESTORATIONS: usize = 60;
 /// How often a step that creeps is made twice as long, and what violation it may leave: this share of the KKT error.
 const DOUBLINGS: usize = 16;
 const EXTENDED: f64 = 0.1;
+/// δ below this shortens no step: what creeps then runs off to infinity and is not helped on its way.
+const SHORTENING: f64 = 1e-6;
 
 /// A trial point that was accepted.
 struct Accepted {
@@ -428,7 +430,8 @@ impl Sqp<'_> {
                 damping
             };
             let creeps = self.error.largest() > CREEPING * error.largest();
-            if creeps && whole && (self.convexified || error.largest() < FAR) {
+            let is_short = self.convexified || error.largest() < FAR && damping > SHORTENING;
+            if creeps && whole && is_short {
                 self.extend(&direction, damping, record);
             }
             return Ok(());
