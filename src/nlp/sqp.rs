@@ -728,8 +728,8 @@ impl Sqp<'_> {
         point.differentiate(self.problem);
     }
 
-    /// Against negative curvature, or where the Lagrangian is flat, δ or the convexified Hessian makes a step short and it creeps: goes on along it, doubling,
-    /// for as long as the objective falls, with two steps back to the constraints each time.
+    /// Against negative curvature, or where the Lagrangian is flat, δ or the convexified Hessian makes a step short, and it creeps: goes on along
+    /// it, doubling, for as long as the objective falls, with two steps back to the constraints each time.
     fn extend(&mut self, direction: &[f64], damping: f64, record: &mut Record) {
         let active = self.active.clone().unwrap_or_default();
         if !self.is_at_hand && self.factorise(damping, &active).is_none() {
