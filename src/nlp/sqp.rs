@@ -16,7 +16,7 @@
 //!
 //! δ D is a proximal term in the problem's own metric D. It is raised until H + δ D is positive definite on the
 //! null space of the active constraints (known from the factorisation's inertia) and falls by five after each full step that did not raise it,
-//! so that the last steps are Newton's and converge quadratically. Far from a solution the convexified Hessian is the
+//! nor the KKT error after many iterations in vain, so that the last steps are Newton's and converge quadratically. Far from a solution the convexified Hessian is the
 //! better model: a δ that covers all negative curvature shortens every step, leaving it out only those along it.
 //!
 //! Why the leap: the force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its
