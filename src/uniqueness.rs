@@ -247,7 +247,7 @@ pub fn sensitivities(
     let (mut hessian, metric) = (pattern.clone(), pattern.clone());
     problem.hessian(&iterate.x, iterate.multipliers(), Curvature::Exact, &mut hessian);
     let active = active(&iterate.inequalities);
-    let inertia = kkt.factorise(&KktValues {
+    let is_regular = kkt.factorise_convex(&KktValues {
         hessian: &hessian,
         metric: &metric,
         damping: 0.0,
@@ -255,7 +255,7 @@ pub fn sensitivities(
         inequalities: &iterate.inequality_jacobian,
         rows: Rows::Active(&active),
     });
-    if !inertia.is_some_and(|inertia| kkt.is_right(inertia)) {
+    if !is_regular {
         return Vec::new();
     }
     let (n, me) = (iterate.x.len(), iterate.equalities.len());

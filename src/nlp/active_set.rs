@@ -144,15 +144,14 @@ impl<'a> Guess<'a> {
     /// Factorises; whether H + δ D is positive definite where the active constraints vanish.
     fn is_right(&mut self, damping: f64) -> bool {
         self.factorisations += 1;
-        let inertia = self.kkt.factorise(&KktValues {
+        self.kkt.factorise_convex(&KktValues {
             hessian: self.hessian,
             metric: self.metric,
             damping,
             equalities: &self.here.equality_jacobian,
             inequalities: &self.here.inequality_jacobian,
             rows: Rows::Active(&self.active),
-        });
-        inertia.is_some_and(|inertia| self.kkt.is_right(inertia))
+        })
     }
 
     /// Raises δ until it is right, to `most` without asking.

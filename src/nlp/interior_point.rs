@@ -138,15 +138,14 @@ pub fn solve(
         }
         weights.iter_mut().zip(s.iter().zip(&nu)).for_each(|(w, (s, nu))| *w = s / nu);
         let mut is_right = |damping: f64| {
-            let inertia = kkt.factorise(&KktValues {
+            kkt.factorise_convex(&KktValues {
                 hessian,
                 metric,
                 damping,
                 equalities: &here.equality_jacobian,
                 inequalities: &here.inequality_jacobian,
                 rows: Rows::Weighted(&weights),
-            });
-            inertia.is_some_and(|inertia| kkt.is_right(inertia))
+            })
         };
         if !is_right(*damping) {
             // Where the largest δ is not enough, none between is tried.

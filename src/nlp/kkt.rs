@@ -125,8 +125,19 @@ impl Kkt {
 
     /// Fills and factorises the matrix. `None` if a pivot vanishes, a value is not finite or the deadline has passed.
     pub fn factorise(&mut self, values: &KktValues<'_>) -> Option<Inertia> {
+        self.fill(values).then(|| self.factors.factorise(&self.regularised.values)).flatten()
+    }
+
+    /// The same, given up as soon as the pivots show it, where the Hessian is not positive definite on the null space of the rows kept.
+    /// Whether it is, and the factorisation of use.
+    pub fn factorise_convex(&mut self, values: &KktValues<'_>) -> bool {
+        self.fill(values) && self.factors.factorise_convex(&self.regularised.values)
+    }
+
+    /// Fills the matrix, unless the deadline has passed.
+    fn fill(&mut self, values: &KktValues<'_>) -> bool {
         if self.deadline.passed() {
-            return None;
+            return false;
         }
         self.factorisations += 1;
         self.is_accurate = false;
@@ -154,12 +165,7 @@ impl Kkt {
         for (i, &slot) in self.diagonal_slots.iter().enumerate() {
             self.regularised.values[slot] += if i < n { primal } else { -DUAL };
         }
-        self.factors.factorise(&self.regularised.values)
-    }
-
-    /// Whether the last inertia is that of a matrix positive definite on the null space of the active rows.
-    pub fn is_right(&self, inertia: Inertia) -> bool {
-        inertia.positive == self.variables
+        true
     }
 
     /// Solves for `solution` with iterative refinement; entries of `right_hand_side` in rows that are not active are

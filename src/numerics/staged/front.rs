@@ -44,6 +44,21 @@ pub struct Pivot {
     pub inverse: [f64; 3],
 }
 
+impl Pivot {
+    /// How many of its eigenvalues are positive, and negative. `None` if it is not finite.
+    pub fn signs(&self) -> Option<(usize, usize)> {
+        let [p, q, r] = self.inverse;
+        let determinant = p * r - q * q;
+        match self.two {
+            _ if !p.is_finite() || !determinant.is_finite() => None,
+            false => Some(((p > 0.0).into(), (p < 0.0).into())),
+            true if determinant < 0.0 => Some((1, 1)),
+            true if p > 0.0 => Some((2, 0)),
+            true => Some((0, 2)),
+        }
+    }
+}
+
 /// The rows of a front of which pivots are made, `width` lanes each.
 pub struct Panel<'f> {
     pub values: &'f mut [Lane],

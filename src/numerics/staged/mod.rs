@@ -45,6 +45,9 @@ struct Rest {
     rows: Vec<f64>,
     /// The upper half, `lanes` of the border a row; empty if it is zero.
     border: Vec<Lane>,
+    /// Negative eigenvalues of what has been eliminated, less its duals; and the duals that are left.
+    excess: isize,
+    duals: isize,
 }
 
 /// The pivots and what they stand for: of each front that has any its unknowns in their last order, and D Lᵀ right of the pivots, row by row, in whole
@@ -138,6 +141,7 @@ pub struct StagedLdl {
     scaled: Vec<f64>,
     /// Each after those that it takes in.
     fronts: Arc<[Pattern]>,
+    duals: [Range<usize>; 2],
     factors: Factors,
     work: Work,
 }
@@ -182,14 +186,15 @@ fn shared_fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loos
 
 impl StagedLdl {
     /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0. `equations` are unknowns
-    /// with nothing on the diagonal, `loose` ones of which some may have nothing else.
+    /// with nothing on the diagonal, `loose` ones of which some may have nothing else: the duals.
     pub fn new(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Self {
         Self {
             column_start: matrix.column_start.clone(),
             rows: matrix.row_index.clone(),
             scale: vec![1.0; matrix.columns],
             scaled: vec![0.0; matrix.values.len()],
-            fronts: shared_fronts(matrix, stage, equations, loose),
+            fronts: shared_fronts(matrix, stage, equations.clone(), loose.clone()),
+            duals: [equations, loose],
             factors: Factors::default(),
             work: Work::default(),
         }
@@ -197,14 +202,34 @@ impl StagedLdl {
 
     /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
-        self.equilibrate(values);
-        self.factors.clear();
-        self.work.waiting = 0;
-        for (f, pattern) in self.fronts.iter().enumerate() {
-            let is_last = f + 1 == self.fronts.len();
-            self.work.factorise(pattern, &self.scaled, is_last, &mut self.factors);
-        }
+        self.eliminate(values, |_| true);
         self.inertia()
+    }
+
+    /// Factorises the matrix and tells whether all but as many eigenvalues as there are duals are positive. Gives up, with nothing to
+    /// solve with, as soon as the pivots show that it has more.
+    ///
+    /// With duals that are negative definite by themselves, the eigenvalues are theirs and those of the Schur complement of the others. Of a
+    /// principal submatrix of that, the duals outside can turn no more negative ones than they are (interlacing).
+    pub fn factorise_convex(&mut self, values: &[f64]) -> bool {
+        let duals: usize = self.duals.iter().map(Range::len).sum();
+        self.eliminate(values, |rest| rest.excess <= rest.duals)
+            && self.inertia().is_some_and(|inertia| inertia.positive == self.scale.len() - duals)
+    }
+
+    /// Eliminates front by front for as long as what is left of each `may_go_on`.
+    fn eliminate(&mut self, values: &[f64], may_go_on: fn(&Rest) -> bool) -> bool {
+        self.equilibrate(values);
+        let Self { fronts, scaled, duals, factors, work, .. } = self;
+        factors.clear();
+        work.waiting = 0;
+        let is_dual = |&&i: &&usize| duals.iter().any(|of| of.contains(&i));
+        fronts.iter().enumerate().all(|(f, pattern)| {
+            let (eliminated, rest) = work.factorise(pattern, scaled, f + 1 == fronts.len(), factors);
+            rest.excess -= eliminated.iter().filter(is_dual).count() as isize;
+            rest.duals = rest.delayed.iter().chain(&pattern.border).filter(is_dual).count() as isize;
+            may_go_on(rest)
+        })
     }
 
     /// S so that the largest entry of each row of S K S is near 1 (D. Ruiz, RAL-TR-2001-034): pivots are then judged against
@@ -246,20 +271,9 @@ impl StagedLdl {
         let Factors { alone, pivots, rows, .. } = &self.factors;
         let alone = alone.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
         for pivot in alone.chain(pivots.iter().copied()) {
-            let [p, q, r] = pivot.inverse;
-            let determinant = p * r - q * q;
-            match pivot.two {
-                _ if !p.is_finite() || !determinant.is_finite() => return None,
-                false if p > 0.0 => inertia.positive += 1,
-                false if p < 0.0 => inertia.negative += 1,
-                false => {}
-                true if determinant < 0.0 => {
-                    inertia.positive += 1;
-                    inertia.negative += 1;
-                }
-                true if p > 0.0 => inertia.positive += 2,
-                true => inertia.negative += 2,
-            }
+            let (positive, negative) = pivot.signs()?;
+            inertia.positive += positive;
+            inertia.negative += negative;
         }
         // Not a number once any is not finite.
         let mut zeros = ZERO;
@@ -283,8 +297,15 @@ impl StagedLdl {
 }
 
 impl Work {
-    /// Factorises a front: the rests of those that it takes in, and its own entries.
-    fn factorise(&mut self, pattern: &Pattern, values: &[f64], is_last: bool, factors: &mut Factors) {
+    /// Factorises a front: the rests of those that it takes in, and its own entries. Gives back the unknowns eliminated and the rest, whose
+    /// `excess` has still to lose the duals among them.
+    fn factorise(
+        &mut self,
+        pattern: &Pattern,
+        values: &[f64],
+        is_last: bool,
+        factors: &mut Factors,
+    ) -> (&[usize], &mut Rest) {
         let first = self.waiting - pattern.children.len();
         self.arrange(pattern, values, first, factors);
         let (summed, border) = (self.unknowns.len(), pattern.border.len());
@@ -329,6 +350,7 @@ impl Work {
                 border,
             });
         }
+        let excess = self.rests[first..self.waiting].iter().map(|rest| rest.excess).sum::<isize>();
         self.waiting = first + 1;
         self.rests.resize_with(self.rests.len().max(self.waiting), Rest::default);
         let rest = &mut self.rests[first];
@@ -341,6 +363,8 @@ impl Work {
             rest.rows.extend_from_slice(&flat(border_row)[..border]);
         }
         std::mem::swap(&mut rest.border, &mut self.border);
+        rest.excess = excess + self.pivots.iter().map(|pivot| pivot.signs().map_or(0, |(_, negative)| negative as isize)).sum::<isize>();
+        (&self.unknowns[..done], rest)
     }
 
     /// Settles which unknowns the front holds, and the column of each: what was delayed comes first. Own unknowns that nothing couples now
@@ -457,6 +481,8 @@ mod tests {
             let eigenvalues = dense.self_adjoint_eigenvalues(faer::Side::Lower).unwrap();
             assert_eq!(inertia.positive, eigenvalues.iter().filter(|e| **e > 0.0).count());
             assert_eq!(inertia.positive + inertia.negative, n);
+            let duals = n - n / 2;
+            assert_eq!(ldl.factorise_convex(&matrix.values), inertia.negative == duals);
             let right: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
             let mut x = right.clone();
             ldl.solve(&mut x);
