@@ -34,14 +34,14 @@ const ROUGH: f64 = 1e-8;
 pub struct Kkt {
     variables: usize,
     equalities: usize,
-    /// The exact matrix: no ε.
+    /// With ε.
     matrix: Sparse,
-    /// The same with ε, as factorised.
-    regularised: Sparse,
-    hessian_slots: Vec<usize>,
-    equality_slots: Vec<usize>,
-    inequality_slots: Vec<usize>,
-    diagonal_slots: Vec<usize>,
+    /// ε of the variables.
+    primal: f64,
+    hessian_slots: Vec<u32>,
+    equality_slots: Vec<u32>,
+    inequality_slots: Vec<u32>,
+    diagonal_slots: Vec<u32>,
     active: Vec<bool>,
     factors: StagedLdl,
     /// Once this has passed nothing is factorised any more.
@@ -98,17 +98,18 @@ impl Kkt {
         inequalities.entries().for_each(|(i, j, _)| pattern.add(j, n + me + i));
         (0..order).for_each(|i| pattern.add(i, i));
         let matrix = pattern.build();
+        let slot = |i: usize, j: usize| u32::try_from(pattern.slot(i, j)).expect("fewer entries");
         let [equality_stages, inequality_stages] = problem.constraint_stages();
         let stage = [problem.stages(), equality_stages, inequality_stages].concat();
         Self {
             variables: n,
             equalities: me,
-            hessian_slots: hessian.entries().map(|(i, j, _)| pattern.slot(i, j)).collect(),
-            equality_slots: equalities.entries().map(|(i, j, _)| pattern.slot(j, n + i)).collect(),
-            inequality_slots: inequalities.entries().map(|(i, j, _)| pattern.slot(j, n + me + i)).collect(),
-            diagonal_slots: (0..order).map(|i| pattern.slot(i, i)).collect(),
+            hessian_slots: hessian.entries().map(|(i, j, _)| slot(i, j)).collect(),
+            equality_slots: equalities.entries().map(|(i, j, _)| slot(j, n + i)).collect(),
+            inequality_slots: inequalities.entries().map(|(i, j, _)| slot(j, n + me + i)).collect(),
+            diagonal_slots: (0..order).map(|i| slot(i, i)).collect(),
             active: vec![false; mi],
-            regularised: matrix.clone(),
+            primal: 0.0,
             factors: StagedLdl::new(&matrix, &stage, n..n + me, n + me..order),
             matrix,
             deadline: Deadline::default(),
@@ -125,13 +126,13 @@ impl Kkt {
 
     /// Fills and factorises the matrix. `None` if a pivot vanishes, a value is not finite or the deadline has passed.
     pub fn factorise(&mut self, values: &KktValues<'_>) -> Option<Inertia> {
-        self.fill(values).then(|| self.factors.factorise(&self.regularised.values)).flatten()
+        self.fill(values).then(|| self.factors.factorise(&self.matrix.values)).flatten()
     }
 
     /// The same, given up as soon as the pivots show it, where the Hessian is not positive definite on the null space of the rows kept.
     /// Whether it is, and the factorisation of use.
     pub fn factorise_convex(&mut self, values: &KktValues<'_>) -> bool {
-        self.fill(values) && self.factors.factorise_convex(&self.regularised.values)
+        self.fill(values) && self.factors.factorise_convex(&self.matrix.values)
     }
 
     /// Fills the matrix, unless the deadline has passed.
@@ -145,25 +146,24 @@ impl Kkt {
         let matrix = &mut self.matrix.values;
         matrix.fill(0.0);
         for (k, &slot) in self.hessian_slots.iter().enumerate() {
-            matrix[slot] = values.hessian.values[k] + values.damping * values.metric.values[k];
+            matrix[slot as usize] = values.hessian.values[k] + values.damping * values.metric.values[k];
         }
         for (k, &slot) in self.equality_slots.iter().enumerate() {
-            matrix[slot] = values.equalities.values[k];
+            matrix[slot as usize] = values.equalities.values[k];
         }
         for (k, (row, _, _)) in values.inequalities.entries().enumerate() {
             if values.rows.row(row).0 {
-                matrix[self.inequality_slots[k]] = values.inequalities.values[k];
+                matrix[self.inequality_slots[k] as usize] = values.inequalities.values[k];
             }
         }
         for row in 0..self.active.len() {
             let (kept, diagonal) = values.rows.row(row);
             self.active[row] = kept;
-            matrix[self.diagonal_slots[n + me + row]] = diagonal;
+            matrix[self.diagonal_slots[n + me + row] as usize] = diagonal;
         }
-        self.regularised.values.copy_from_slice(matrix);
-        let primal = (PRIMAL * values.damping).clamp(PRIMAL_RANGE.0, PRIMAL_RANGE.1);
+        self.primal = (PRIMAL * values.damping).clamp(PRIMAL_RANGE.0, PRIMAL_RANGE.1);
         for (i, &slot) in self.diagonal_slots.iter().enumerate() {
-            self.regularised.values[slot] += if i < n { primal } else { -DUAL };
+            matrix[slot as usize] += if i < n { self.primal } else { -DUAL };
         }
         true
     }
@@ -212,9 +212,14 @@ impl Kkt {
             for i in 0..self.order() {
                 self.residual[i] = right(i, &self.active);
             }
-            let matrix = if regularised { &self.regularised } else { &self.matrix };
             if refinement > 0 || !begins {
-                matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
+                self.matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
+                if !regularised {
+                    let (of_variables, of_rows) = self.residual.split_at_mut(self.variables);
+                    let (x, y) = solution.split_at(self.variables);
+                    of_variables.iter_mut().zip(x).for_each(|(r, x)| *r += self.primal * x);
+                    of_rows.iter_mut().zip(y).for_each(|(r, y)| *r -= DUAL * y);
+                }
             }
             let size = self.residual.iter().map(|r| r.abs()).fold(0.0, f64::max) / scale;
             if size.is_nan() || size >= 0.5 * best {

@@ -24,7 +24,7 @@ pub fn polish(kkt: &mut Kkt, problem: &dyn Problem, x: &[f64], active: &[bool]) 
     let mut identity = pattern.clone();
     for column in 0..identity.columns {
         for slot in identity.column_start[column]..identity.column_start[column + 1] {
-            identity.values[slot] = if identity.row_index[slot] == column { 1.0 } else { 0.0 };
+            identity.values[slot] = if identity.row_index[slot] as usize == column { 1.0 } else { 0.0 };
         }
     }
     let mut here = Iterate::new(problem, x.to_vec());

@@ -53,11 +53,11 @@ impl QuadraticProgramme<'_> {
         column_start.push(0);
         for column in 0..n {
             for slot in self.equalities.column_start[column]..self.equalities.column_start[column + 1] {
-                row_index.push(self.equalities.row_index[slot]);
+                row_index.push(self.equalities.row_index[slot] as usize);
                 values.push(self.equalities.values[slot]);
             }
             for slot in self.inequalities.column_start[column]..self.inequalities.column_start[column + 1] {
-                row_index.push(me + self.inequalities.row_index[slot]);
+                row_index.push(me + self.inequalities.row_index[slot] as usize);
                 values.push(-self.inequalities.values[slot]);
             }
             column_start.push(row_index.len());
@@ -69,7 +69,7 @@ impl QuadraticProgramme<'_> {
             n,
             n,
             self.hessian.column_start.to_vec(),
-            self.hessian.row_index.to_vec(),
+            self.hessian.row_index.iter().map(|&row| row as usize).collect(),
             self.hessian.values.clone(),
         );
         let cones = [ZeroConeT(me), NonnegativeConeT(mi)];

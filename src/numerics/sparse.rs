@@ -9,7 +9,7 @@ pub struct Sparse {
     pub columns: usize,
     /// Start of each column in `row_index` and `values`; length `columns + 1`.
     pub column_start: Arc<[usize]>,
-    pub row_index: Arc<[usize]>,
+    pub row_index: Arc<[u32]>,
     pub values: Vec<f64>,
 }
 
@@ -64,7 +64,7 @@ impl Pattern {
             rows: self.rows,
             columns: self.columns,
             column_start: self.column_start.as_slice().into(),
-            row_index: self.entries.iter().map(|&(_, row)| row as usize).collect(),
+            row_index: self.entries.iter().map(|&(_, row)| row).collect(),
             values: vec![0.0; self.entries.len()],
         }
     }
@@ -98,14 +98,14 @@ impl Sparse {
     /// (row, value) of a column's entries.
     fn column(&self, column: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let slots = self.column_start[column]..self.column_start[column + 1];
-        self.row_index[slots.clone()].iter().copied().zip(self.values[slots].iter().copied())
+        self.row_index[slots.clone()].iter().map(|&row| row as usize).zip(self.values[slots].iter().copied())
     }
 
     /// All (row, column, slot) in storage order.
     pub fn entries(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
         (0..self.columns).flat_map(move |column| {
             (self.column_start[column]..self.column_start[column + 1])
-                .map(move |slot| (self.row_index[slot], column, slot))
+                .map(move |slot| (self.row_index[slot] as usize, column, slot))
         })
     }
 
@@ -135,15 +135,15 @@ impl Sparse {
             let factor = scale * x[column];
             // The diagonal entry is the last of its column.
             if let ([above @ .., last], [others @ .., value]) = (rows, values)
-                && *last == column
+                && *last as usize == column
             {
                 out[column] += value * factor;
                 (rows, values) = (above, others);
             }
             let mut sum = 0.0;
             for (&row, value) in rows.iter().zip(values) {
-                out[row] += value * factor;
-                sum += value * x[row];
+                out[row as usize] += value * factor;
+                sum += value * x[row as usize];
             }
             out[column] += scale * sum;
         }

@@ -8,6 +8,15 @@ use crate::numerics::sparse::Sparse;
 /// Work of a front beside that of its pivots, in multiplications.
 const FRONT: usize = 2000;
 
+/// A front while the order of elimination is not known yet.
+#[derive(Clone, Debug, Default)]
+struct Draft {
+    own: Vec<usize>,
+    border: Vec<usize>,
+    /// (row, column, slot in the matrix' values)
+    entries: Vec<(usize, usize, usize)>,
+}
+
 /// The pattern of a dense front.
 #[derive(Clone, Debug, Default)]
 pub struct Pattern {
@@ -16,11 +25,34 @@ pub struct Pattern {
     pub border: Vec<usize>,
     /// Of each front that this one takes in, the places of its border unknowns among `own` then `border`: ascending.
     pub children: Vec<Vec<usize>>,
-    /// (row, column among `own` then `border`, slot in the matrix' values), row ≤ column
-    pub entries: Vec<(usize, usize, usize)>,
+    /// Row ≤ column.
+    pub entries: Vec<Entry>,
     /// Own unknowns that nothing may couple: (place, slot of the diagonal entry); and which of `entries` couple them.
     pub loose: Vec<(usize, usize)>,
-    pub couplings: Vec<(usize, usize, usize)>,
+    pub couplings: Vec<Entry>,
+}
+
+/// An entry of the matrix: the places of its row and column among `own` then `border` of a front, and its slot in the matrix' values. As small
+/// as can be: a factorisation reads them all.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    places: [u16; 2],
+    slot: u32,
+}
+
+impl Entry {
+    fn new(row: usize, column: usize, slot: usize) -> Self {
+        let place = |place: usize| u16::try_from(place).expect("a dense front of no more unknowns than that");
+        Self { places: [place(row), place(column)], slot: u32::try_from(slot).expect("fewer entries") }
+    }
+
+    pub fn places(&self) -> [usize; 2] {
+        self.places.map(usize::from)
+    }
+
+    pub fn slot(&self) -> usize {
+        self.slot as usize
+    }
 }
 
 /// The fronts of `matrix` (upper triangle), each after those that it takes in; `stage[i]` is the stage of unknown i, counted from 0.
@@ -43,52 +75,56 @@ pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: 
             degree[i] += 1;
         }
     }
-    let mut stages = vec![Pattern::default(); count];
+    let mut stages = vec![Draft::default(); count];
     for i in 0..order {
         stages[stage[i]].own.push(i);
         stages[met[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
     }
     let mut analysis = Analysis { degree, met, equations, group: vec![None; order], best: HashMap::new() };
-    let parted: Vec<Vec<Pattern>> = stages
+    let parted: Vec<Vec<Draft>> = stages
         .into_iter()
         .zip(by_stage)
         .enumerate()
         .map(|(s, (mut stage, entries))| {
             stage.own.sort_by_key(|&i| analysis.degree[i]);
-            analysis.part(s, &Pattern { entries, ..stage })
+            analysis.part(s, &Draft { entries, ..stage })
         })
         .collect();
     numbered(parted, order, loose)
 }
 
 /// From unknowns to places in the fronts, now that the order of elimination is known.
-fn numbered(stages: Vec<Vec<Pattern>>, order: usize, loose: Range<usize>) -> Vec<Pattern> {
+fn numbered(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -> Vec<Pattern> {
     let (mut rank, mut place) = (vec![0; order], vec![0; order]);
     let own = stages.iter().flatten().flat_map(|front| &front.own);
     own.enumerate().for_each(|(when, &i)| rank[i] = when);
     let mut fronts: Vec<Pattern> = Vec::new();
     let mut before: Option<Vec<usize>> = None;
-    for mut stage in stages {
-        for front in &mut stage {
-            front.border.sort_unstable_by_key(|&i| rank[i]);
-            front.own.iter().chain(&front.border).enumerate().for_each(|(at, &i)| place[i] = at);
-            let is_loose = |&at: &usize| front.own.get(at).is_some_and(|i| loose.contains(i));
-            for (row, column, slot) in &mut front.entries {
-                let places = (place[*row], place[*column]);
-                (*row, *column) = (places.0.min(places.1), places.0.max(places.1));
-                if row == column && is_loose(row) {
-                    front.loose.push((*row, *slot));
-                } else if [*row, *column].iter().any(is_loose) {
-                    front.couplings.push((*row, *column, *slot));
+    for stage in stages {
+        let mut placed: Vec<Pattern> = Vec::new();
+        for Draft { own, mut border, entries } in stage {
+            border.sort_unstable_by_key(|&i| rank[i]);
+            own.iter().chain(&border).enumerate().for_each(|(at, &i)| place[i] = at);
+            let is_loose = |&at: &usize| own.get(at).is_some_and(|i| loose.contains(i));
+            let mut front = Pattern::default();
+            for (i, j, slot) in entries {
+                let (row, column) = (place[i].min(place[j]), place[i].max(place[j]));
+                let entry = Entry::new(row, column, slot);
+                front.entries.push(entry);
+                if row == column && is_loose(&row) {
+                    front.loose.push((row, slot));
+                } else if [row, column].iter().any(is_loose) {
+                    front.couplings.push(entry);
                 }
             }
+            placed.push(Pattern { own, border, ..front });
         }
         // The last one takes in the others; its places are those left in `place`.
-        let Some((root, leaves)) = stage.split_last_mut() else { continue };
+        let Some((root, leaves)) = placed.split_last_mut() else { continue };
         let taken = before.iter().chain(leaves.iter().map(|leaf| &leaf.border));
         root.children = taken.map(|border| border.iter().map(|&i| place[i]).collect()).collect();
         before = Some(root.border.clone());
-        fronts.extend(stage);
+        fronts.extend(placed);
     }
     fronts
 }
@@ -108,7 +144,7 @@ struct Analysis {
 impl Analysis {
     /// Parts a stage into fronts of groups and, last, that of the rest: unknowns that no earlier stage has met and that have few
     /// neighbours, in groups that nothing couples to one another. How few is chosen by the work that is left, once for all stages alike.
-    fn part(&mut self, s: usize, stage: &Pattern) -> Vec<Pattern> {
+    fn part(&mut self, s: usize, stage: &Draft) -> Vec<Draft> {
         let mut limits: Vec<usize> = stage.own.iter().filter(|&&i| self.met[i] == s).map(|&i| self.degree[i]).collect();
         limits.dedup();
         let kind = (stage.own.len(), stage.border.len(), stage.entries.len(), limits);
@@ -128,7 +164,7 @@ impl Analysis {
     }
 
     /// Numbers the connected groups of the unknowns with few neighbours, as they come; those without a pivot are none. Returns how many.
-    fn groups(&mut self, s: usize, stage: &Pattern, few: usize) -> usize {
+    fn groups(&mut self, s: usize, stage: &Draft, few: usize) -> usize {
         // Each points to one of its group that comes no later.
         let mut first: Vec<usize> = (0..stage.own.len()).collect();
         fn root(first: &mut [usize], mut at: usize) -> usize {
@@ -168,7 +204,7 @@ impl Analysis {
     }
 
     /// Work of the fronts of a stage parted into the groups that are set.
-    fn work(&self, stage: &Pattern, groups: usize) -> usize {
+    fn work(&self, stage: &Draft, groups: usize) -> usize {
         let (mut own, mut border) = (vec![0; groups + 1], vec![0; groups + 1]);
         stage.own.iter().for_each(|&i| own[self.group[i].unwrap_or(groups)] += 1);
         let mut met: Vec<(usize, usize)> = self.borders(stage).collect();
@@ -180,7 +216,7 @@ impl Analysis {
     }
 
     /// (group, unknown that it meets outside), as often as it does.
-    fn borders<'a>(&'a self, stage: &'a Pattern) -> impl Iterator<Item = (usize, usize)> + 'a {
+    fn borders<'a>(&'a self, stage: &'a Draft) -> impl Iterator<Item = (usize, usize)> + 'a {
         stage.entries.iter().filter_map(|&(i, j, _)| match (self.group[i], self.group[j]) {
             (Some(group), None) => Some((group, j)),
             (None, Some(group)) => Some((group, i)),
@@ -189,9 +225,9 @@ impl Analysis {
     }
 
     /// The fronts of a stage: the groups, and the rest.
-    fn parted(&mut self, s: usize, stage: &Pattern, few: usize) -> Vec<Pattern> {
+    fn parted(&mut self, s: usize, stage: &Draft, few: usize) -> Vec<Draft> {
         let count = self.groups(s, stage, few);
-        let mut fronts = vec![Pattern::default(); count + 1];
+        let mut fronts = vec![Draft::default(); count + 1];
         for &i in &stage.own {
             fronts[self.group[i].unwrap_or(count)].own.push(i);
         }

@@ -60,6 +60,8 @@ struct Factors {
     unknowns: Vec<usize>,
     rows: Vec<Lane>,
     fronts: Vec<FrontEnd>,
+    /// Zero times the rows: not a number once any is not finite.
+    zeros: Lane,
 }
 
 /// Where a front that has pivots ends in the factors, and how many of its unknowns are its border.
@@ -86,6 +88,7 @@ impl Factors {
         self.unknowns.clear();
         self.rows.clear();
         self.fronts.clear();
+        self.zeros = ZERO;
     }
 
     fn front(&self, f: usize) -> FrontFactors<'_> {
@@ -102,14 +105,20 @@ impl Factors {
 
     /// Keeps the rows of the first `pivots` of a panel.
     fn keep(&mut self, panel: &Panel<'_>, pivots: &[Pivot]) {
+        let mut zeros = self.zeros;
         for pivot in pivots {
             for row in pivot.row..pivot.end() {
                 let start = self.rows.len();
-                self.rows.extend_from_slice(&panel.values[row * panel.width..][pivot.row / LANE..panel.width]);
+                let row = &panel.values[row * panel.width..][pivot.row / LANE..panel.width];
+                for lane in row {
+                    zeros.0.iter_mut().zip(lane.0).for_each(|(zero, value)| *zero += 0.0 * value);
+                }
+                self.rows.extend_from_slice(row);
                 let kept = flat_mut(&mut self.rows[start..]);
                 kept[..pivot.end() - pivot.row / LANE * LANE].fill(0.0);
             }
         }
+        self.zeros = zeros;
         self.pivots.extend_from_slice(pivots);
     }
 }
@@ -135,10 +144,9 @@ impl FrontFactors<'_> {
 pub struct StagedLdl {
     /// Where each column starts, and the row of each value.
     column_start: Arc<[usize]>,
-    rows: Arc<[usize]>,
-    /// S, and S K S as factorised.
+    rows: Arc<[u32]>,
+    /// S: what is factorised is S K S.
     scale: Vec<f64>,
-    scaled: Vec<f64>,
     /// Each after those that it takes in.
     fronts: Arc<[Pattern]>,
     duals: [Range<usize>; 2],
@@ -157,8 +165,9 @@ struct Work {
     scaled: Vec<Lane>,
     pivots: Vec<Pivot>,
     unknowns: Vec<usize>,
-    /// The column in the front of each of `own` then `border`.
+    /// The column in the front of each of `own` then `border`, and its S.
     column: Vec<usize>,
+    scale: Vec<f64>,
     /// The column of each unknown of a front that is taken in.
     target: Vec<usize>,
     /// Of each row, while it is equilibrated.
@@ -174,7 +183,7 @@ const SHARED: usize = 200_000;
 
 /// [`fronts`], worked out once for all problems of a shape.
 fn shared_fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Arc<[Pattern]> {
-    type Shape = (Arc<[usize]>, Arc<[usize]>, Vec<usize>, [Range<usize>; 2]);
+    type Shape = (Arc<[usize]>, Arc<[u32]>, Vec<usize>, [Range<usize>; 2]);
     static KNOWN: Memo<Shape, Arc<[Pattern]>> = Memo::new();
     let work_out = || fronts(matrix, stage, equations.clone(), loose.clone()).into();
     if matrix.values.len() > SHARED {
@@ -192,7 +201,6 @@ impl StagedLdl {
             column_start: matrix.column_start.clone(),
             rows: matrix.row_index.clone(),
             scale: vec![1.0; matrix.columns],
-            scaled: vec![0.0; matrix.values.len()],
             fronts: shared_fronts(matrix, stage, equations.clone(), loose.clone()),
             duals: [equations, loose],
             factors: Factors::default(),
@@ -220,12 +228,12 @@ impl StagedLdl {
     /// Eliminates front by front for as long as what is left of each `may_go_on`.
     fn eliminate(&mut self, values: &[f64], may_go_on: fn(&Rest) -> bool) -> bool {
         self.equilibrate(values);
-        let Self { fronts, scaled, duals, factors, work, .. } = self;
+        let Self { fronts, scale, duals, factors, work, .. } = self;
         factors.clear();
         work.waiting = 0;
         let is_dual = |&&i: &&usize| duals.iter().any(|of| of.contains(&i));
         fronts.iter().enumerate().all(|(f, pattern)| {
-            let (eliminated, rest) = work.factorise(pattern, scaled, f + 1 == fronts.len(), factors);
+            let (eliminated, rest) = work.factorise(pattern, (values, scale), f + 1 == fronts.len(), factors);
             rest.excess -= eliminated.iter().filter(is_dual).count() as isize;
             rest.duals = rest.delayed.iter().chain(&pattern.border).filter(is_dual).count() as isize;
             may_go_on(rest)
@@ -235,7 +243,7 @@ impl StagedLdl {
     /// S so that the largest entry of each row of S K S is near 1 (D. Ruiz, RAL-TR-2001-034): pivots are then judged against
     /// entries of like size. The signs of the eigenvalues stay.
     fn equilibrate(&mut self, values: &[f64]) {
-        let Self { scale, scaled, rows, column_start, work: Work { largest, .. }, .. } = self;
+        let Self { scale, rows, column_start, work: Work { largest, .. }, .. } = self;
         scale.fill(1.0);
         for _ in 0..EQUILIBRATIONS {
             largest.clear();
@@ -243,8 +251,8 @@ impl StagedLdl {
             for (j, column) in column_start.windows(2).enumerate() {
                 let (of_scale, mut of_column) = (scale[j], largest[j]);
                 for (&i, value) in rows[column[0]..column[1]].iter().zip(&values[column[0]..column[1]]) {
-                    let size = (value * scale[i] * of_scale).abs();
-                    let of_row = &mut largest[i];
+                    let size = (value * scale[i as usize] * of_scale).abs();
+                    let of_row = &mut largest[i as usize];
                     *of_row = if size > *of_row { size } else { *of_row };
                     of_column = if size > of_column { size } else { of_column };
                 }
@@ -256,28 +264,18 @@ impl StagedLdl {
                 }
             }
         }
-        for (j, column) in column_start.windows(2).enumerate() {
-            let slots = column[0]..column[1];
-            let of_column = rows[slots.clone()].iter().zip(&values[slots.clone()]);
-            for ((&i, value), scaled) in of_column.zip(&mut scaled[slots]) {
-                *scaled = value * scale[i] * scale[j];
-            }
-        }
     }
 
     /// Signs of the eigenvalues, from those of the pivots.
     fn inertia(&self) -> Option<Inertia> {
         let mut inertia = Inertia { positive: 0, negative: 0 };
-        let Factors { alone, pivots, rows, .. } = &self.factors;
+        let Factors { alone, pivots, zeros, .. } = &self.factors;
         let alone = alone.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
         for pivot in alone.chain(pivots.iter().copied()) {
             let (positive, negative) = pivot.signs()?;
             inertia.positive += positive;
             inertia.negative += negative;
         }
-        // Not a number once any is not finite.
-        let mut zeros = ZERO;
-        rows.iter().for_each(|lane| zeros.0.iter_mut().zip(lane.0).for_each(|(zero, value)| *zero += 0.0 * value));
         zeros.0.iter().all(|zero| !zero.is_nan()).then_some(inertia)
     }
 
@@ -302,12 +300,12 @@ impl Work {
     fn factorise(
         &mut self,
         pattern: &Pattern,
-        values: &[f64],
+        (values, scale): (&[f64], &[f64]),
         is_last: bool,
         factors: &mut Factors,
     ) -> (&[usize], &mut Rest) {
         let first = self.waiting - pattern.children.len();
-        self.arrange(pattern, values, first, factors);
+        self.arrange(pattern, (values, scale), first, factors);
         let (summed, border) = (self.unknowns.len(), pattern.border.len());
         let start = lanes(summed);
         let width = start + lanes(border);
@@ -320,10 +318,11 @@ impl Work {
         }
         self.take_in(pattern, first, width, start * LANE);
         let panel = flat_mut(&mut self.panel);
-        for &(i, j, slot) in &pattern.entries {
-            let (row, column) = (self.column[i], self.column[j]);
+        for entry in &pattern.entries {
+            let [row, column] = entry.places().map(|place| self.column[place]);
             if row != ABSENT && column != ABSENT {
-                panel[row * width * LANE + column] += values[slot];
+                let [of_row, of_column] = entry.places().map(|place| self.scale[place]);
+                panel[row * width * LANE + column] += values[entry.slot()] * of_row * of_column;
             }
         }
         // What may be pivots is held whole.
@@ -363,28 +362,31 @@ impl Work {
             rest.rows.extend_from_slice(&flat(border_row)[..border]);
         }
         std::mem::swap(&mut rest.border, &mut self.border);
-        rest.excess = excess + self.pivots.iter().map(|pivot| pivot.signs().map_or(0, |(_, negative)| negative as isize)).sum::<isize>();
+        rest.excess = excess
+            + self.pivots.iter().map(|pivot| pivot.signs().map_or(0, |(_, negative)| negative as isize)).sum::<isize>();
         (&self.unknowns[..done], rest)
     }
 
     /// Settles which unknowns the front holds, and the column of each: what was delayed comes first. Own unknowns that nothing couples now
     /// (inequalities that are not active) stay out of it.
-    fn arrange(&mut self, pattern: &Pattern, values: &[f64], first: usize, factors: &mut Factors) {
+    fn arrange(&mut self, pattern: &Pattern, (values, scale): (&[f64], &[f64]), first: usize, factors: &mut Factors) {
         let own = pattern.own.len();
         let Self { rests, unknowns, column, .. } = self;
+        self.scale.clear();
+        self.scale.extend(pattern.own.iter().chain(&pattern.border).map(|&i| scale[i]));
         column.clear();
         column.resize(own + pattern.border.len(), 0);
         // Coupled: for now just not absent.
         pattern.loose.iter().for_each(|&(i, _)| column[i] = ABSENT);
         pattern.children.iter().flatten().for_each(|&i| column[i] = 0);
-        for &(i, j, slot) in &pattern.couplings {
-            if values[slot] != 0.0 {
-                (column[i], column[j]) = (0, 0);
+        for coupling in &pattern.couplings {
+            if values[coupling.slot()] != 0.0 {
+                coupling.places().into_iter().for_each(|place| column[place] = 0);
             }
         }
         for &(i, slot) in &pattern.loose {
             if column[i] == ABSENT {
-                factors.alone.push((pattern.own[i], 1.0 / values[slot]));
+                factors.alone.push((pattern.own[i], 1.0 / (values[slot] * self.scale[i] * self.scale[i])));
             }
         }
         unknowns.clear();
