@@ -81,15 +81,21 @@ pub fn solve(
     for round in 0..ROUNDS {
         let is_known = round == 0 && guess.factorisations == 1;
         if !is_known && !guess.is_right(*damping) {
-            // Where the largest δ is not enough, or its step belongs to quite another active set, none between is tried.
-            if *damping >= most || !guess.is_right(most) {
-                *damping = damping.max(RAISE * most);
-                return Err(NoStep::Singular);
+            // What has been lowered is raised again. Where the largest δ is not enough, or its step belongs to quite another active set,
+            // none between is tried.
+            let next = RAISE * *damping;
+            if is_in_doubt || round > 0 || next >= most || !guess.is_right(next) {
+                if *damping >= most || !guess.is_right(most) {
+                    *damping = damping.max(RAISE * most);
+                    return Err(NoStep::Singular);
+                }
+                if guess.wrong_rows()?.rows.len() > allowed {
+                    return Err(NoStep::Unsettled);
+                }
+                guess.raise(damping, most)?;
+            } else {
+                *damping = next;
             }
-            if guess.wrong_rows()?.rows.len() > allowed {
-                return Err(NoStep::Unsettled);
-            }
-            guess.raise(damping, most)?;
         }
         let wrong = guess.wrong_rows()?;
         if wrong.are_slight {
