@@ -71,6 +71,7 @@ pub fn solve(
     let mut guess = Guess::new(kkt, (here, error), hessian, metric, active);
     let nearly = NEARLY.max(active.len() / FEW);
     let mut allowed = nearly.max(active.len() / MANY);
+    let mut last = Vec::new();
     if is_in_doubt {
         if !guess.is_right(damping.max(most)) {
             *damping = damping.max(RAISE * most);
@@ -106,7 +107,10 @@ pub fn solve(
             return Err(NoStep::Unsettled);
         }
         allowed = nearly.max(count / 2);
-        guess.turn(&wrong.rows);
+        // The same rows again, all turned, would be wrong for ever: only the last of them.
+        let turned = if wrong.rows == last { count - 1 } else { 0 };
+        guess.turn(&wrong.rows[turned..]);
+        last = wrong.rows;
     }
     Err(NoStep::Unsettled)
 }
