@@ -71,7 +71,7 @@ pub fn solve(
     let mut guess = Guess::new(kkt, (here, error), hessian, metric, active);
     let nearly = NEARLY.max(active.len() / FEW);
     let mut allowed = nearly.max(active.len() / MANY);
-    let mut last = Vec::new();
+    let (mut met, mut in_a_circle) = (Vec::new(), false);
     if is_in_doubt {
         if !guess.is_right(damping.max(most)) {
             *damping = damping.max(RAISE * most);
@@ -107,10 +107,10 @@ pub fn solve(
             return Err(NoStep::Unsettled);
         }
         allowed = nearly.max(count / 2);
-        // The same rows again, all turned, would be wrong for ever: only the last of them.
-        let turned = if wrong.rows == last { count - 1 } else { 0 };
-        guess.turn(&wrong.rows[turned..]);
-        last = wrong.rows;
+        // Once the same rows are wrong again it would go on in a circle: from then on only the last of them.
+        in_a_circle |= met.contains(&wrong.rows);
+        guess.turn(if in_a_circle { &wrong.rows[count - 1..] } else { &wrong.rows });
+        met.push(wrong.rows);
     }
     Err(NoStep::Unsettled)
 }
@@ -223,6 +223,91 @@ impl<'a> Guess<'a> {
             active: self.active,
             qp_iterations: 0,
             is_settled: self.factorisations == 1 && wrong.is_empty(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nlp::problem::{Curvature, Multipliers, Problem};
+
+    /// min ½ xᵀ H x + gᵀ x subject to x ≥ 0, as far as the linear algebra asks.
+    struct Bounded {
+        hessian: Sparse,
+        equalities: Sparse,
+        inequalities: Sparse,
+        stages: Vec<usize>,
+    }
+
+    impl Problem for Bounded {
+        fn variables(&self) -> usize {
+            self.hessian.columns
+        }
+        fn equalities(&self) -> usize {
+            0
+        }
+        fn inequalities(&self) -> usize {
+            self.hessian.columns
+        }
+        fn residual_jacobian(&self) -> &Sparse {
+            &self.equalities
+        }
+        fn residual_data(&self) -> &[f64] {
+            &[]
+        }
+        fn stages(&self) -> &[usize] {
+            &self.stages
+        }
+        fn constraint_stages(&self) -> [&[usize]; 2] {
+            [&[], &self.stages]
+        }
+        fn constraints(&self, x: &[f64], _: &mut [f64], inequalities: &mut [f64]) {
+            inequalities.copy_from_slice(x);
+        }
+        fn feasibility(&self, x: &[f64]) -> f64 {
+            x.iter().fold(0.0, |a, x| a.max(-x))
+        }
+        fn patterns(&self) -> [&Sparse; 3] {
+            [&self.equalities, &self.inequalities, &self.hessian]
+        }
+        fn jacobians(&self, _: &[f64], _: &mut Sparse, inequalities: &mut Sparse) {
+            inequalities.clone_from(&self.inequalities);
+        }
+        fn hessian(&self, _: &[f64], _: Multipliers<'_>, _: Curvature, out: &mut Sparse) {
+            out.clone_from(&self.hessian);
+        }
+        fn metric(&self, _: &[f64], out: &mut Sparse) {
+            out.clone_from(&self.hessian);
+        }
+    }
+
+    /// Turning all wrong rows goes in a circle here from all but two active sets (after an example of F. E. Curtis, Z. Han and D. P. Robinson,
+    /// *Comput. Optim. Appl.* 60, 2015).
+    #[test]
+    fn a_problem_on_which_guessing_goes_in_a_circle_is_solved_from_each_active_set() {
+        let entries = [(0, 0, 4.0), (0, 1, 5.0), (1, 1, 9.0), (0, 2, -5.0), (1, 2, -5.0), (2, 2, 7.0)];
+        let problem = Bounded {
+            hessian: Sparse::from_triplets(3, 3, &entries),
+            equalities: Sparse::from_triplets(0, 3, &[]),
+            inequalities: Sparse::from_triplets(3, 3, &[(0, 0, 1.0), (1, 1, 1.0), (2, 2, 1.0)]),
+            stages: vec![0; 3],
+        };
+        for sign in [1.0, -1.0] {
+            let mut here = Iterate::new(&problem, vec![0.0; 3]);
+            here.gradient = [2.0, 1.0, -3.0].map(|g| sign * g).to_vec();
+            let mut kkt = Kkt::new(&problem);
+            for guess in 0..8 {
+                let active = [1, 2, 4].map(|bit| guess & bit != 0);
+                let (hessian, mut damping) = (&problem.hessian, 0.0);
+                let step =
+                    solve(&mut kkt, (&here, 1e-8), hessian, hessian, &mut damping, (1.0, false), &active).unwrap();
+                let mut slope = here.gradient.clone();
+                hessian.add_symmetric_product(1.0, &step.direction, &mut slope);
+                for (x, slope) in step.direction.iter().zip(&slope) {
+                    assert!(*x > -1e-9 && *slope > -1e-9 && (x * slope).abs() < 1e-9, "{sign} {guess}: {x} {slope}");
+                }
+            }
         }
     }
 }
