@@ -45,9 +45,8 @@ struct Rest {
     rows: Vec<f64>,
     /// The upper half, `lanes` of the border a row; empty if it is zero.
     border: Vec<Lane>,
-    /// Negative eigenvalues of what has been eliminated, less its duals; and the duals that are left.
+    /// Negative eigenvalues of what has been eliminated, less its duals.
     excess: isize,
-    duals: isize,
 }
 
 /// The pivots and what they stand for: of each front that has any its unknowns in their last order, and D Lᵀ right of the pivots, row by row, in whole
@@ -210,7 +209,7 @@ impl StagedLdl {
 
     /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
-        self.eliminate(values, |_| true);
+        self.eliminate(values, false);
         self.inertia()
     }
 
@@ -221,12 +220,12 @@ impl StagedLdl {
     /// principal submatrix of that, the duals outside can turn no more negative ones than they are (interlacing).
     pub fn factorise_convex(&mut self, values: &[f64]) -> bool {
         let duals: usize = self.duals.iter().map(Range::len).sum();
-        self.eliminate(values, |rest| rest.excess <= rest.duals)
+        self.eliminate(values, true)
             && self.inertia().is_some_and(|inertia| inertia.positive == self.scale.len() - duals)
     }
 
-    /// Eliminates front by front for as long as what is left of each `may_go_on`.
-    fn eliminate(&mut self, values: &[f64], may_go_on: fn(&Rest) -> bool) -> bool {
+    /// Eliminates front by front, to the end or, if `gives_up`, until more eigenvalues are negative than the duals left account for.
+    fn eliminate(&mut self, values: &[f64], gives_up: bool) -> bool {
         self.equilibrate(values);
         let Self { fronts, scale, duals, factors, work, .. } = self;
         factors.clear();
@@ -235,8 +234,8 @@ impl StagedLdl {
         fronts.iter().enumerate().all(|(f, pattern)| {
             let (eliminated, rest) = work.factorise(pattern, (values, scale), f + 1 == fronts.len(), factors);
             rest.excess -= eliminated.iter().filter(is_dual).count() as isize;
-            rest.duals = rest.delayed.iter().chain(&pattern.border).filter(is_dual).count() as isize;
-            may_go_on(rest)
+            let duals_left = || rest.delayed.iter().chain(&pattern.border).filter(is_dual).count() as isize;
+            !gives_up || rest.excess <= 0 || rest.excess <= duals_left()
         })
     }
 
