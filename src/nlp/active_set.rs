@@ -85,7 +85,10 @@ pub fn solve(
             // What has been lowered is raised again. Where the largest δ is not enough, or its step belongs to quite another active set,
             // none between is tried.
             let next = RAISE * *damping;
-            if is_in_doubt || round > 0 || next >= most || !guess.is_right(next) {
+            let may_do = !is_in_doubt && round == 0 && next < most;
+            if may_do && guess.is_right(next) {
+                *damping = next;
+            } else {
                 if *damping >= most || !guess.is_right(most) {
                     *damping = damping.max(RAISE * most);
                     return Err(NoStep::Singular);
@@ -94,8 +97,6 @@ pub fn solve(
                     return Err(NoStep::Unsettled);
                 }
                 guess.raise(damping, most)?;
-            } else {
-                *damping = next;
             }
         }
         let wrong = guess.wrong_rows()?;

@@ -44,21 +44,6 @@ pub struct Pivot {
     pub inverse: [f64; 3],
 }
 
-impl Pivot {
-    /// How many of its eigenvalues are positive, and negative. `None` if it is not finite.
-    pub fn signs(&self) -> Option<(usize, usize)> {
-        let [p, q, r] = self.inverse;
-        let determinant = p * r - q * q;
-        match self.two {
-            _ if !p.is_finite() || !determinant.is_finite() => None,
-            false => Some(((p > 0.0).into(), (p < 0.0).into())),
-            true if determinant < 0.0 => Some((1, 1)),
-            true if p > 0.0 => Some((2, 0)),
-            true => Some((0, 2)),
-        }
-    }
-}
-
 /// The rows of a front of which pivots are made, `width` lanes each.
 pub struct Panel<'f> {
     pub values: &'f mut [Lane],
@@ -325,6 +310,19 @@ pub fn complete(border: &mut [Lane], panel: &Panel<'_>, first: usize, pivots: &[
 }
 
 impl Pivot {
+    /// How many of its eigenvalues are positive, and negative. `None` if it is not finite.
+    pub fn signs(&self) -> Option<(usize, usize)> {
+        let [p, q, r] = self.inverse;
+        let determinant = p * r - q * q;
+        match self.two {
+            _ if !p.is_finite() || !determinant.is_finite() => None,
+            false => Some(((p > 0.0).into(), (p < 0.0).into())),
+            true if determinant < 0.0 => Some((1, 1)),
+            true if p > 0.0 => Some((2, 0)),
+            true => Some((0, 2)),
+        }
+    }
+
     /// The row after it.
     pub fn end(&self) -> usize {
         self.row + 1 + usize::from(self.two)

@@ -214,7 +214,7 @@ impl StagedLdl {
     }
 
     /// Factorises the matrix and tells whether all but as many eigenvalues as there are duals are positive. Gives up, with nothing to
-    /// solve with, as soon as the pivots show that it has more.
+    /// solve with, as soon as the pivots show that fewer are.
     ///
     /// With duals that are negative definite by themselves, the eigenvalues are theirs and those of the Schur complement of the others. Of a
     /// principal submatrix of that, the duals outside can turn no more negative ones than they are (interlacing).
@@ -230,11 +230,9 @@ impl StagedLdl {
         let Self { fronts, scale, duals, factors, work, .. } = self;
         factors.clear();
         work.waiting = 0;
-        let is_dual = |&&i: &&usize| duals.iter().any(|of| of.contains(&i));
         fronts.iter().enumerate().all(|(f, pattern)| {
-            let (eliminated, rest) = work.factorise(pattern, (values, scale), f + 1 == fronts.len(), factors);
-            rest.excess -= eliminated.iter().filter(is_dual).count() as isize;
-            let duals_left = || rest.delayed.iter().chain(&pattern.border).filter(is_dual).count() as isize;
+            let rest = work.factorise(pattern, (values, scale), f + 1 == fronts.len(), duals, factors);
+            let duals_left = || count_duals(duals, rest.delayed.iter().chain(&pattern.border));
             !gives_up || rest.excess <= 0 || rest.excess <= duals_left()
         })
     }
@@ -293,16 +291,21 @@ impl StagedLdl {
     }
 }
 
+/// How many of the unknowns are duals.
+fn count_duals<'a>(duals: &[Range<usize>; 2], unknowns: impl IntoIterator<Item = &'a usize>) -> isize {
+    unknowns.into_iter().filter(|i| duals.iter().any(|of| of.contains(i))).count() as isize
+}
+
 impl Work {
-    /// Factorises a front: the rests of those that it takes in, and its own entries. Gives back the unknowns eliminated and the rest, whose
-    /// `excess` has still to lose the duals among them.
+    /// Factorises a front: the rests of those that it takes in, and its own entries. Gives back what is left.
     fn factorise(
         &mut self,
         pattern: &Pattern,
         (values, scale): (&[f64], &[f64]),
         is_last: bool,
+        duals: &[Range<usize>; 2],
         factors: &mut Factors,
-    ) -> (&[usize], &mut Rest) {
+    ) -> &Rest {
         let first = self.waiting - pattern.children.len();
         self.arrange(pattern, (values, scale), first, factors);
         let (summed, border) = (self.unknowns.len(), pattern.border.len());
@@ -361,9 +364,10 @@ impl Work {
             rest.rows.extend_from_slice(&flat(border_row)[..border]);
         }
         std::mem::swap(&mut rest.border, &mut self.border);
-        rest.excess = excess
-            + self.pivots.iter().map(|pivot| pivot.signs().map_or(0, |(_, negative)| negative as isize)).sum::<isize>();
-        (&self.unknowns[..done], rest)
+        let negative =
+            self.pivots.iter().filter_map(Pivot::signs).map(|(_, negative)| negative as isize).sum::<isize>();
+        rest.excess = excess + negative - count_duals(duals, &self.unknowns[..done]);
+        rest
     }
 
     /// Settles which unknowns the front holds, and the column of each: what was delayed comes first. Own unknowns that nothing couples now
