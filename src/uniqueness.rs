@@ -247,7 +247,8 @@ pub fn sensitivities(
     let (mut hessian, metric) = (pattern.clone(), pattern.clone());
     problem.hessian(&iterate.x, iterate.multipliers(), Curvature::Exact, &mut hessian);
     let active = active(&iterate.inequalities);
-    let is_regular = kkt.factorise_convex(&KktValues {
+    let (n, me) = (iterate.x.len(), iterate.equalities.len());
+    let inertia = kkt.factorise(&KktValues {
         hessian: &hessian,
         metric: &metric,
         damping: 0.0,
@@ -255,10 +256,9 @@ pub fn sensitivities(
         inequalities: &iterate.inequality_jacobian,
         rows: Rows::Active(&active),
     });
-    if !is_regular {
+    if inertia.is_none_or(|inertia| inertia.positive != n) {
         return Vec::new();
     }
-    let (n, me) = (iterate.x.len(), iterate.equalities.len());
     let (mut right, mut solution) = (vec![0.0; kkt.order()], vec![0.0; kkt.order()]);
     let mut rows = Vec::new();
     for parameter in parameters {

@@ -124,8 +124,9 @@ struct Guess<'a> {
     metric: &'a Sparse,
     active: Vec<bool>,
     right: Vec<f64>,
-    /// d, λ, −ν
+    /// d, λ, −ν; and its residual.
     solution: Vec<f64>,
+    residual: f64,
     /// Those that count: asking at the largest δ does not, where a smaller one is used.
     factorisations: usize,
     /// By how much a row may be wrong.
@@ -149,20 +150,23 @@ impl<'a> Guess<'a> {
         let right = [&here.gradient, &here.equalities, &here.inequalities].into_iter().flatten().map(|v| -v).collect();
         let solution = vec![0.0; kkt.order()];
         let (active, tolerance) = (active.to_vec(), PER_ERROR * error.min(1.0));
-        Self { kkt, here, hessian, metric, active, right, solution, factorisations: 0, tolerance }
+        Self { kkt, here, hessian, metric, active, right, solution, residual: 0.0, factorisations: 0, tolerance }
     }
 
-    /// Factorises; whether H + δ D is positive definite where the active constraints vanish.
+    /// Factorises and solves; whether H + δ D is positive definite where the active constraints vanish.
     fn is_right(&mut self, damping: f64) -> bool {
         self.factorisations += 1;
-        self.kkt.factorise_convex(&KktValues {
+        let values = KktValues {
             hessian: self.hessian,
             metric: self.metric,
             damping,
             equalities: &self.here.equality_jacobian,
             inequalities: &self.here.inequality_jacobian,
             rows: Rows::Active(&self.active),
-        })
+        };
+        let residual = self.kkt.solve_convex(&values, &self.right, &mut self.solution);
+        self.residual = residual.unwrap_or(self.residual);
+        residual.is_some()
     }
 
     /// Raises δ until it is right, to `most` without asking.
@@ -178,9 +182,9 @@ impl<'a> Guess<'a> {
         Ok(())
     }
 
-    /// Solves with the last factorisation.
+    /// Looks at the solution with the last factorisation.
     fn wrong_rows(&mut self) -> Result<Wrong, NoStep> {
-        let consistent = self.kkt.solve_roughly(&self.right, &mut self.solution) <= ACCURACY;
+        let consistent = self.residual <= ACCURACY;
         if !consistent && self.kkt.solve_regularised(&self.right, &mut self.solution).is_nan() {
             return Err(NoStep::Singular);
         }

@@ -137,15 +137,24 @@ pub fn solve(
             });
         }
         weights.iter_mut().zip(s.iter().zip(&nu)).for_each(|(w, (s, nu))| *w = s / nu);
+        // For the complementarity residuals r.
+        let fill = |right: &mut [f64], r: &[f64]| {
+            (0..n).for_each(|i| right[i] = -dual[i]);
+            (0..me).for_each(|i| right[n + i] = -primal[i]);
+            (0..mi).for_each(|i| right[n + me + i] = -slack[i] - r[i] / nu[i]);
+        };
+        let plain: Vec<f64> = s.iter().zip(&nu).map(|(s, nu)| s * nu).collect();
+        fill(&mut right, &plain);
         let mut is_right = |damping: f64| {
-            kkt.factorise_convex(&KktValues {
+            let values = KktValues {
                 hessian,
                 metric,
                 damping,
                 equalities: &here.equality_jacobian,
                 inequalities: &here.inequality_jacobian,
                 rows: Rows::Weighted(&weights),
-            })
+            };
+            kkt.solve_convex(&values, &right, &mut solution).is_some()
         };
         if !is_right(*damping) {
             // Where the largest δ is not enough, none between is tried.
@@ -157,18 +166,18 @@ pub fn solve(
             }
             continue;
         }
-        // (Δs, Δν) from a solution of the system for the complementarity residuals r.
-        let mut step = |r: &[f64], solution: &mut [f64], kkt: &mut Kkt| {
-            (0..n).for_each(|i| right[i] = -dual[i]);
-            (0..me).for_each(|i| right[n + i] = -primal[i]);
-            (0..mi).for_each(|i| right[n + me + i] = -slack[i] - r[i] / nu[i]);
-            kkt.solve_roughly(&right, solution);
+        // (Δs, Δν)
+        let of_rows = |r: &[f64], solution: &[f64]| {
             let dnu: Vec<f64> = (0..mi).map(|i| -solution[n + me + i]).collect();
             let ds: Vec<f64> = (0..mi).map(|i| -(r[i] + s[i] * dnu[i]) / nu[i]).collect();
             (ds, dnu)
         };
-        let plain: Vec<f64> = s.iter().zip(&nu).map(|(s, nu)| s * nu).collect();
-        let (ds, dnu) = step(&plain, &mut solution, kkt);
+        let mut step = |r: &[f64], solution: &mut [f64], kkt: &mut Kkt| {
+            fill(&mut right, r);
+            kkt.solve_roughly(&right, solution);
+            of_rows(r, solution)
+        };
+        let (ds, dnu) = of_rows(&plain, &solution);
         if !std::mem::replace(&mut has_begun, true) {
             d.iter_mut().zip(&solution[..n]).for_each(|(x, dx)| *x += dx);
             moved = true;

@@ -25,7 +25,7 @@ const PRIMAL: f64 = 0.1;
 const PRIMAL_RANGE: (f64, f64) = (1e-18, 1e-14);
 /// ε of the constraints, against entries of order one.
 const DUAL: f64 = 1e-11;
-const REFINEMENTS: usize = 10;
+const REFINEMENTS: usize = 9;
 /// Relative residuals that need no more of them.
 const EXACT: f64 = 1e-12;
 const ROUGH: f64 = 1e-8;
@@ -129,10 +129,22 @@ impl Kkt {
         self.fill(values).then(|| self.factors.factorise(&self.matrix.values)).flatten()
     }
 
-    /// The same, given up as soon as the pivots show it, where the Hessian is not positive definite on the null space of the rows kept.
-    /// Whether it is, and the factorisation of use.
-    pub fn factorise_convex(&mut self, values: &KktValues<'_>) -> bool {
-        self.fill(values) && self.factors.factorise_convex(&self.matrix.values)
+    /// Factorises and, where the Hessian is positive definite on the null space of the rows kept, solves as [`Kkt::solve_roughly`] does, in less time
+    /// than one after the other. `None`, as soon as the pivots show it, where it is not.
+    pub fn solve_convex(
+        &mut self,
+        values: &KktValues<'_>,
+        right_hand_side: &[f64],
+        solution: &mut [f64],
+    ) -> Option<f64> {
+        if !self.fill(values) {
+            return None;
+        }
+        self.choose(right_hand_side, solution);
+        self.factors.solve_convex(&self.matrix.values, solution).then(|| {
+            self.correction.copy_from_slice(solution);
+            self.refine(right_hand_side, solution, 1.0, false, ROUGH)
+        })
     }
 
     /// Fills the matrix, unless the deadline has passed.
@@ -172,54 +184,65 @@ impl Kkt {
     /// ignored. Returns the residual's largest entry relative to that of the right-hand side: large where the active
     /// constraints contradict each other.
     pub fn solve(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
-        solution.fill(0.0);
-        self.refine(right_hand_side, solution, false, EXACT)
+        self.begin(right_hand_side, solution);
+        self.refine(right_hand_side, solution, 1.0, false, EXACT)
     }
 
     /// Goes on from what [`Kkt::solve_roughly`] has left.
     pub fn solve_further(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
-        self.refine(right_hand_side, solution, false, EXACT)
+        self.refine(right_hand_side, solution, f64::INFINITY, false, EXACT)
     }
 
     /// [`Kkt::solve`] to a residual small enough for a step that is corrected by the next one. Where the last such solution with the same
     /// factorisation needed no refinement this one is not looked at, and its residual taken for as small.
     pub fn solve_roughly(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
-        if self.is_accurate {
-            let n = self.variables + self.equalities;
-            solution.copy_from_slice(right_hand_side);
-            solution[n..].iter_mut().zip(&self.active).filter(|(_, active)| !**active).for_each(|(x, _)| *x = 0.0);
-            self.factors.solve(solution);
-            return ROUGH;
-        }
-        solution.fill(0.0);
-        self.refine(right_hand_side, solution, false, ROUGH)
+        self.begin(right_hand_side, solution);
+        if self.is_accurate { ROUGH } else { self.refine(right_hand_side, solution, 1.0, false, ROUGH) }
     }
 
     /// [`Kkt::solve`] with ε left in. Where active constraints contradict each other this has a solution, with large
     /// multipliers whose signs tell which of them to let go.
     pub fn solve_regularised(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
-        solution.fill(0.0);
-        self.refine(right_hand_side, solution, true, EXACT)
+        self.begin(right_hand_side, solution);
+        self.refine(right_hand_side, solution, 1.0, true, EXACT)
     }
 
-    fn refine(&mut self, right_hand_side: &[f64], solution: &mut [f64], regularised: bool, enough: f64) -> f64 {
+    /// The right-hand side without rows that are not active.
+    fn choose(&self, right_hand_side: &[f64], chosen: &mut [f64]) {
+        chosen.copy_from_slice(right_hand_side);
+        let rows = chosen[self.variables + self.equalities..].iter_mut().zip(&self.active);
+        rows.filter(|(_, active)| !**active).for_each(|(x, _)| *x = 0.0);
+    }
+
+    /// A first solution, with what it has changed from none.
+    fn begin(&mut self, right_hand_side: &[f64], solution: &mut [f64]) {
+        self.choose(right_hand_side, solution);
+        self.factors.solve(solution);
+        self.correction.copy_from_slice(solution);
+    }
+
+    /// Corrects the solution until its residual is small `enough` or no longer halves, `best` being that before the last correction.
+    fn refine(
+        &mut self,
+        right_hand_side: &[f64],
+        solution: &mut [f64],
+        mut best: f64,
+        regularised: bool,
+        enough: f64,
+    ) -> f64 {
         let n = self.variables + self.equalities;
         let right = |i: usize, active: &[bool]| if i < n || active[i - n] { right_hand_side[i] } else { 0.0 };
         let scale = (0..self.order()).map(|i| right(i, &self.active).abs()).fold(0.0, f64::max).max(1e-300);
-        let begins = solution.iter().all(|x| *x == 0.0);
-        let mut best = f64::INFINITY;
         for refinement in 0..REFINEMENTS {
             for i in 0..self.order() {
                 self.residual[i] = right(i, &self.active);
             }
-            if refinement > 0 || !begins {
-                self.matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
-                if !regularised {
-                    let (of_variables, of_rows) = self.residual.split_at_mut(self.variables);
-                    let (x, y) = solution.split_at(self.variables);
-                    of_variables.iter_mut().zip(x).for_each(|(r, x)| *r += self.primal * x);
-                    of_rows.iter_mut().zip(y).for_each(|(r, y)| *r -= DUAL * y);
-                }
+            self.matrix.add_symmetric_product(-1.0, solution, &mut self.residual);
+            if !regularised {
+                let (of_variables, of_rows) = self.residual.split_at_mut(self.variables);
+                let (x, y) = solution.split_at(self.variables);
+                of_variables.iter_mut().zip(x).for_each(|(r, x)| *r += self.primal * x);
+                of_rows.iter_mut().zip(y).for_each(|(r, y)| *r -= DUAL * y);
             }
             let size = self.residual.iter().map(|r| r.abs()).fold(0.0, f64::max) / scale;
             if size.is_nan() || size >= 0.5 * best {
@@ -234,7 +257,7 @@ impl Kkt {
             }
             best = size;
             if size < enough {
-                self.is_accurate = refinement == 1 && !regularised && enough == ROUGH;
+                self.is_accurate = refinement == 0 && enough == ROUGH;
                 return size;
             }
             self.correction.copy_from_slice(&self.residual);

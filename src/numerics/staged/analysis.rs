@@ -53,6 +53,12 @@ impl Entry {
     pub fn slot(&self) -> usize {
         self.slot as usize
     }
+
+    /// Its value in S K S, S being that of `own` then `border`.
+    pub fn value(&self, values: &[f64], scale: &[f64]) -> f64 {
+        let [of_row, of_column] = self.places().map(|place| scale[place]);
+        values[self.slot()] * of_row * of_column
+    }
 }
 
 /// The fronts of `matrix` (upper triangle), each after those that it takes in; `stage[i]` is the stage of unknown i, counted from 0.

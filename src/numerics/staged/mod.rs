@@ -17,12 +17,14 @@
 //! the signs of the pivots are the signs of the eigenvalues.
 
 mod analysis;
+mod checkpoint;
 mod front;
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use self::analysis::{Pattern, fronts};
+use self::checkpoint::Checkpoints;
 use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
 use super::memo::Memo;
 use super::sparse::Sparse;
@@ -47,6 +49,16 @@ struct Rest {
     border: Vec<Lane>,
     /// Negative eigenvalues of what has been eliminated, less its duals.
     excess: isize,
+}
+
+impl Rest {
+    /// Becomes a copy, in the memory it has.
+    fn copy_from(&mut self, other: &Self) {
+        self.delayed.clone_from(&other.delayed);
+        self.rows.clone_from(&other.rows);
+        self.border.clone_from(&other.border);
+        self.excess = other.excess;
+    }
 }
 
 /// The pivots and what they stand for: of each front that has any its unknowns in their last order, and D Lᵀ right of the pivots, row by row, in whole
@@ -81,13 +93,18 @@ struct FrontFactors<'f> {
 }
 
 impl Factors {
-    fn clear(&mut self) {
-        self.alone.clear();
-        self.pivots.clear();
-        self.unknowns.clear();
-        self.rows.clear();
-        self.fronts.clear();
-        self.zeros = ZERO;
+    /// Keeps only the first of the fronts that have pivots, and of the unknowns that nothing couples.
+    fn truncate(&mut self, fronts: usize, alone: usize) {
+        self.fronts.truncate(fronts);
+        self.alone.truncate(alone);
+        let end = self.fronts.last().copied().unwrap_or_default();
+        self.pivots.truncate(end.pivots);
+        self.unknowns.truncate(end.unknowns);
+        self.rows.truncate(end.rows);
+    }
+
+    fn is_finite(&self) -> bool {
+        self.zeros.0.iter().all(|zero| !zero.is_nan())
     }
 
     fn front(&self, f: usize) -> FrontFactors<'_> {
@@ -150,6 +167,7 @@ pub struct StagedLdl {
     fronts: Arc<[Pattern]>,
     duals: [Range<usize>; 2],
     factors: Factors,
+    checkpoints: Checkpoints,
     work: Work,
 }
 
@@ -203,37 +221,52 @@ impl StagedLdl {
             fronts: shared_fronts(matrix, stage, equations.clone(), loose.clone()),
             duals: [equations, loose],
             factors: Factors::default(),
+            checkpoints: Checkpoints::default(),
             work: Work::default(),
         }
     }
 
     /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
-        self.eliminate(values, false);
+        self.eliminate(values, None);
         self.inertia()
     }
 
-    /// Factorises the matrix and tells whether all but as many eigenvalues as there are duals are positive. Gives up, with nothing to
-    /// solve with, as soon as the pivots show that fewer are.
+    /// Factorises the matrix and tells whether all but as many eigenvalues as there are duals are positive; if so it solves for `x` in place, half of
+    /// that on the way, while what it needs of the factors is at hand. Gives up, with nothing to solve with, as soon as the pivots show that
+    /// fewer are.
     ///
     /// With duals that are negative definite by themselves, the eigenvalues are theirs and those of the Schur complement of the others. Of a
     /// principal submatrix of that, the duals outside can turn no more negative ones than they are (interlacing).
-    pub fn factorise_convex(&mut self, values: &[f64]) -> bool {
+    pub fn solve_convex(&mut self, values: &[f64], x: &mut [f64]) -> bool {
         let duals: usize = self.duals.iter().map(Range::len).sum();
-        self.eliminate(values, true)
-            && self.inertia().is_some_and(|inertia| inertia.positive == self.scale.len() - duals)
+        let is_convex = self.eliminate(values, Some(x))
+            && self.inertia().is_some_and(|inertia| inertia.positive == self.scale.len() - duals);
+        if is_convex {
+            self.backward(x);
+        }
+        is_convex
     }
 
-    /// Eliminates front by front, to the end or, if `gives_up`, until more eigenvalues are negative than the duals left account for.
-    fn eliminate(&mut self, values: &[f64], gives_up: bool) -> bool {
+    /// Eliminates front by front, those first of which nothing has changed excepted. With a right-hand side it solves with L and S on the way, and gives
+    /// up once more eigenvalues are negative than the duals left account for.
+    fn eliminate(&mut self, values: &[f64], mut right: Option<&mut [f64]>) -> bool {
         self.equilibrate(values);
-        let Self { fronts, scale, duals, factors, work, .. } = self;
-        factors.clear();
-        work.waiting = 0;
-        fronts.iter().enumerate().all(|(f, pattern)| {
-            let rest = work.factorise(pattern, (values, scale), f + 1 == fronts.len(), duals, factors);
+        let Self { fronts, scale, duals, factors, checkpoints, work, .. } = self;
+        let begin = checkpoints.resume(fronts, (values, scale), factors, work);
+        if let Some(x) = &mut right {
+            x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
+            (0..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, &mut work.local));
+        }
+        fronts.iter().enumerate().skip(begin).all(|(f, pattern)| {
+            let before = factors.fronts.len();
+            work.factorise(pattern, (values, scale), f + 1 == fronts.len(), duals, factors, &mut checkpoints.entries);
+            checkpoints.pass(f + 1, factors, &work.rests[..work.waiting]);
+            let Some(x) = &mut right else { return true };
+            (before..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, &mut work.local));
+            let rest = &work.rests[work.waiting - 1];
             let duals_left = || count_duals(duals, rest.delayed.iter().chain(&pattern.border));
-            !gives_up || rest.excess <= 0 || rest.excess <= duals_left()
+            rest.excess <= 0 || rest.excess <= duals_left()
         })
     }
 
@@ -266,14 +299,14 @@ impl StagedLdl {
     /// Signs of the eigenvalues, from those of the pivots.
     fn inertia(&self) -> Option<Inertia> {
         let mut inertia = Inertia { positive: 0, negative: 0 };
-        let Factors { alone, pivots, zeros, .. } = &self.factors;
+        let Factors { alone, pivots, .. } = &self.factors;
         let alone = alone.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
         for pivot in alone.chain(pivots.iter().copied()) {
             let (positive, negative) = pivot.signs()?;
             inertia.positive += positive;
             inertia.negative += negative;
         }
-        zeros.0.iter().all(|zero| !zero.is_nan()).then_some(inertia)
+        self.factors.is_finite().then_some(inertia)
     }
 
     /// Solves in place with the last factorisation.
@@ -281,12 +314,17 @@ impl StagedLdl {
         debug_assert_eq!(x.len(), self.scale.len());
         let Self { scale, factors, work: Work { local, .. }, .. } = self;
         x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
-        let fronts = 0..factors.fronts.len();
-        fronts.clone().for_each(|f| factors.front(f).apply(front::forward, x, local));
+        (0..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, local));
+        self.backward(x);
+    }
+
+    /// The half of a solution that is left with D, Lᵀ and S.
+    fn backward(&mut self, x: &mut [f64]) {
+        let Self { scale, factors, work: Work { local, .. }, .. } = self;
         for &(i, inverse) in &factors.alone {
             x[i] *= inverse;
         }
-        fronts.rev().for_each(|f| factors.front(f).apply(front::backward, x, local));
+        (0..factors.fronts.len()).rev().for_each(|f| factors.front(f).apply(front::backward, x, local));
         x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
     }
 }
@@ -297,7 +335,8 @@ fn count_duals<'a>(duals: &[Range<usize>; 2], unknowns: impl IntoIterator<Item =
 }
 
 impl Work {
-    /// Factorises a front: the rests of those that it takes in, and its own entries. Gives back what is left.
+    /// Factorises a front: the rests of those that it takes in, and its own entries, which are added to `entries`. What is left of it is the last of
+    /// those that wait then.
     fn factorise(
         &mut self,
         pattern: &Pattern,
@@ -305,7 +344,8 @@ impl Work {
         is_last: bool,
         duals: &[Range<usize>; 2],
         factors: &mut Factors,
-    ) -> &Rest {
+        entries: &mut Vec<f64>,
+    ) {
         let first = self.waiting - pattern.children.len();
         self.arrange(pattern, (values, scale), first, factors);
         let (summed, border) = (self.unknowns.len(), pattern.border.len());
@@ -320,11 +360,12 @@ impl Work {
         }
         self.take_in(pattern, first, width, start * LANE);
         let panel = flat_mut(&mut self.panel);
-        for entry in &pattern.entries {
+        let before = entries.len();
+        entries.extend(pattern.entries.iter().map(|entry| entry.value(values, &self.scale)));
+        for (entry, value) in pattern.entries.iter().zip(&entries[before..]) {
             let [row, column] = entry.places().map(|place| self.column[place]);
             if row != ABSENT && column != ABSENT {
-                let [of_row, of_column] = entry.places().map(|place| self.scale[place]);
-                panel[row * width * LANE + column] += values[entry.slot()] * of_row * of_column;
+                panel[row * width * LANE + column] += value;
             }
         }
         // What may be pivots is held whole.
@@ -367,7 +408,6 @@ impl Work {
         let negative =
             self.pivots.iter().filter_map(Pivot::signs).map(|(_, negative)| negative as isize).sum::<isize>();
         rest.excess = excess + negative - count_duals(duals, &self.unknowns[..done]);
-        rest
     }
 
     /// Settles which unknowns the front holds, and the column of each: what was delayed comes first. Own unknowns that nothing couples now
@@ -490,10 +530,17 @@ mod tests {
             let matrix = Sparse::from_triplets(variables + duals, variables + duals, &triplets);
             let equations = variables..variables + stages;
             let mut ldl = StagedLdl::new(&matrix, &stage, equations.clone(), equations.end..variables + duals);
-            let is_convex = ldl.factorise_convex(&matrix.values);
+            let right: Vec<f64> = (0..matrix.columns).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let mut x = right.clone();
+            let is_convex = ldl.solve_convex(&matrix.values, &mut x);
             given_up += usize::from(ldl.factors.fronts.len() < ldl.fronts.len() / 2);
             let inertia = ldl.factorise(&matrix.values).unwrap();
             assert_eq!(is_convex, inertia.positive == variables, "{trial}");
+            if is_convex {
+                let mut again = right;
+                ldl.solve(&mut again);
+                assert_eq!(x, again, "{trial}");
+            }
             outcomes[usize::from(is_convex)] += 1;
         }
         assert!(outcomes.iter().all(|count| *count > 10) && given_up > 5, "{outcomes:?}, {given_up}");
