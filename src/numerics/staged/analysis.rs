@@ -17,23 +17,103 @@ struct Draft {
     entries: Vec<(usize, usize, usize)>,
 }
 
-/// The pattern of a dense front.
+/// The patterns of the dense fronts, each after those that it takes in. One after the other in memory, and as small as can be: a factorisation reads
+/// them all.
 #[derive(Clone, Debug, Default)]
-pub struct Pattern {
-    pub own: Vec<usize>,
-    /// Later unknowns met so far, those first that are eliminated first.
-    pub border: Vec<usize>,
-    /// Of each front that this one takes in, the places of its border unknowns among `own` then `border`: ascending.
-    pub children: Vec<Vec<usize>>,
-    /// Row ≤ column.
-    pub entries: Vec<Entry>,
-    /// Own unknowns that nothing may couple: (place, slot of the diagonal entry); and which of `entries` couple them.
-    pub loose: Vec<(usize, usize)>,
-    pub couplings: Vec<Entry>,
+pub struct Fronts {
+    heads: Vec<Head>,
+    unknowns: Vec<u32>,
+    places: Vec<u16>,
+    /// Length of all borders: where the places of the next front begin, which are known only when it is taken in.
+    borders: usize,
+    entries: Vec<Entry>,
 }
 
-/// An entry of the matrix: the places of its row and column among `own` then `border` of a front, and its slot in the matrix' values. As small
-/// as can be: a factorisation reads them all.
+/// Where a front begins in the lists, and how many are of a kind.
+#[derive(Clone, Copy, Debug)]
+struct Head {
+    unknowns: u32,
+    own: u32,
+    places: u32,
+    entries: u32,
+    loose: u32,
+    couplings: u32,
+    takes: u32,
+}
+
+/// The pattern of a front.
+#[derive(Clone, Copy, Debug)]
+pub struct Pattern<'f> {
+    /// Its own, then the border: later unknowns met so far, those first that are eliminated first.
+    pub unknowns: &'f [u32],
+    pub own: usize,
+    /// Of the border in the front that takes this one in, among its unknowns: ascending.
+    pub places: &'f [u16],
+    /// How many fronts it takes in: those last that are not taken in yet.
+    pub takes: usize,
+    /// Row ≤ column.
+    pub entries: &'f [Entry],
+    /// Of the entries: diagonal ones of own unknowns that nothing may couple, and those that couple them.
+    pub loose: &'f [Entry],
+    pub couplings: &'f [Entry],
+}
+
+impl Fronts {
+    pub fn len(&self) -> usize {
+        self.heads.len()
+    }
+
+    pub fn get(&self, f: usize) -> Pattern<'_> {
+        let head = self.heads[f];
+        let (unknowns, places, entries) = match self.heads.get(f + 1) {
+            Some(next) => (next.unknowns as usize, next.places as usize, next.entries as usize),
+            None => (self.unknowns.len(), self.places.len(), self.entries.len()),
+        };
+        let entries = &self.entries[head.entries as usize..entries];
+        let (loose, others) = entries.split_at(head.loose as usize);
+        Pattern {
+            unknowns: &self.unknowns[head.unknowns as usize..unknowns],
+            own: head.own as usize,
+            places: &self.places[head.places as usize..places],
+            takes: head.takes as usize,
+            entries,
+            loose,
+            couplings: &others[..head.couplings as usize],
+        }
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = Pattern<'_>> {
+        (0..self.len()).map(|f| self.get(f))
+    }
+
+    /// Adds a front with these entries by kind.
+    fn add(&mut self, own: &[usize], border: &[usize], [loose, couplings, others]: [&[Entry]; 3], takes: usize) {
+        self.heads.push(Head {
+            unknowns: index(self.unknowns.len()),
+            own: index(own.len()),
+            places: index(self.borders),
+            entries: index(self.entries.len()),
+            loose: index(loose.len()),
+            couplings: index(couplings.len()),
+            takes: index(takes),
+        });
+        self.borders += border.len();
+        self.unknowns.extend(own.iter().chain(border).map(|&i| index(i)));
+        self.entries.extend([loose, couplings, others].into_iter().flatten());
+    }
+}
+
+fn index(i: usize) -> u32 {
+    u32::try_from(i).expect("fewer entries")
+}
+
+impl Pattern<'_> {
+    pub fn border(&self) -> &[u32] {
+        &self.unknowns[self.own..]
+    }
+}
+
+/// An entry of the matrix: the places of its row and column among the unknowns of a front, and its slot in the matrix' values.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     places: [u16; 2],
@@ -42,8 +122,7 @@ pub struct Entry {
 
 impl Entry {
     fn new(row: usize, column: usize, slot: usize) -> Self {
-        let place = |place: usize| u16::try_from(place).expect("a dense front of no more unknowns than that");
-        Self { places: [place(row), place(column)], slot: u32::try_from(slot).expect("fewer entries") }
+        Self { places: [narrow(row), narrow(column)], slot: index(slot) }
     }
 
     pub fn places(&self) -> [usize; 2] {
@@ -54,16 +133,20 @@ impl Entry {
         self.slot as usize
     }
 
-    /// Its value in S K S, S being that of `own` then `border`.
+    /// Its value in S K S, S being that of the front's unknowns.
     pub fn value(&self, values: &[f64], scale: &[f64]) -> f64 {
         let [of_row, of_column] = self.places().map(|place| scale[place]);
         values[self.slot()] * of_row * of_column
     }
 }
 
-/// The fronts of `matrix` (upper triangle), each after those that it takes in; `stage[i]` is the stage of unknown i, counted from 0.
+fn narrow(place: usize) -> u16 {
+    u16::try_from(place).expect("a dense front of no more unknowns than that")
+}
+
+/// The fronts of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0.
 /// `equations` are unknowns with nothing on the diagonal, which are no pivots by themselves, `loose` ones that nothing may couple.
-pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Vec<Pattern> {
+pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Fronts {
     let order = matrix.columns;
     let count = stage.iter().max().map_or(0, |last| last + 1);
     // From the last back: what a state follows from comes with it, so that it need not be delayed.
@@ -100,37 +183,35 @@ pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: 
 }
 
 /// From unknowns to places in the fronts, now that the order of elimination is known.
-fn numbered(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -> Vec<Pattern> {
+fn numbered(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -> Fronts {
     let (mut rank, mut place) = (vec![0; order], vec![0; order]);
     let own = stages.iter().flatten().flat_map(|front| &front.own);
     own.enumerate().for_each(|(when, &i)| rank[i] = when);
-    let mut fronts: Vec<Pattern> = Vec::new();
-    let mut before: Option<Vec<usize>> = None;
+    let mut fronts = Fronts::default();
+    // Of the fronts that are not taken in yet.
+    let mut waiting: Vec<Vec<usize>> = Vec::new();
     for stage in stages {
-        let mut placed: Vec<Pattern> = Vec::new();
-        for Draft { own, mut border, entries } in stage {
+        let count = stage.len();
+        for (f, Draft { own, mut border, entries }) in stage.into_iter().enumerate() {
             border.sort_unstable_by_key(|&i| rank[i]);
             own.iter().chain(&border).enumerate().for_each(|(at, &i)| place[i] = at);
             let is_loose = |&at: &usize| own.get(at).is_some_and(|i| loose.contains(i));
-            let mut front = Pattern::default();
+            let mut kinds = [const { Vec::new() }; 3];
             for (i, j, slot) in entries {
                 let (row, column) = (place[i].min(place[j]), place[i].max(place[j]));
-                let entry = Entry::new(row, column, slot);
-                front.entries.push(entry);
-                if row == column && is_loose(&row) {
-                    front.loose.push((row, slot));
-                } else if [row, column].iter().any(is_loose) {
-                    front.couplings.push(entry);
-                }
+                let kind = match () {
+                    () if row == column && is_loose(&row) => 0,
+                    () if [row, column].iter().any(is_loose) => 1,
+                    () => 2,
+                };
+                kinds[kind].push(Entry::new(row, column, slot));
             }
-            placed.push(Pattern { own, border, ..front });
+            // The last one takes in the others.
+            let taken = if f + 1 == count { std::mem::take(&mut waiting) } else { Vec::new() };
+            fronts.places.extend(taken.iter().flatten().map(|&i| narrow(place[i])));
+            fronts.add(&own, &border, kinds.each_ref().map(Vec::as_slice), taken.len());
+            waiting.push(border);
         }
-        // The last one takes in the others; its places are those left in `place`.
-        let Some((root, leaves)) = placed.split_last_mut() else { continue };
-        let taken = before.iter().chain(leaves.iter().map(|leaf| &leaf.border));
-        root.children = taken.map(|border| border.iter().map(|&i| place[i]).collect()).collect();
-        before = Some(root.border.clone());
-        fronts.extend(placed);
     }
     fronts
 }

@@ -1,6 +1,6 @@
 //! Where an elimination can go on if it differs from the last one only in later fronts: of an active set that changes in few rows much stays as it is.
 
-use super::analysis::Pattern;
+use super::analysis::{Fronts, Pattern};
 use super::front::LANE;
 use super::{Factors, Rest, Work, ZERO};
 
@@ -32,7 +32,7 @@ impl Checkpoints {
     /// Takes the elimination back to where nothing has changed before. Returns how many fronts need not be eliminated again.
     pub fn resume(
         &mut self,
-        fronts: &[Pattern],
+        fronts: &Fronts,
         (values, scale): (&[f64], &[f64]),
         factors: &mut Factors,
         work: &mut Work,
@@ -56,16 +56,16 @@ impl Checkpoints {
     /// How many of the fronts have the entries that they had.
     fn count_same(
         &self,
-        fronts: &[Pattern],
+        fronts: &Fronts,
         (values, scale): (&[f64], &[f64]),
         of_front: &mut Vec<f64>,
     ) -> usize {
         let mut before = self.entries.as_slice();
-        let is_same = |pattern: &&Pattern| {
+        let is_same = |pattern: &Pattern<'_>| {
             let Some((of_this, later)) = before.split_at_checked(pattern.entries.len()) else { return false };
             before = later;
             of_front.clear();
-            of_front.extend(pattern.own.iter().chain(&pattern.border).map(|&i| scale[i]));
+            of_front.extend(pattern.unknowns.iter().map(|&i| scale[i as usize]));
             pattern.entries.iter().zip(of_this).all(|(entry, value)| entry.value(values, of_front) == *value)
         };
         fronts.iter().take_while(is_same).count()

@@ -49,7 +49,7 @@ pub struct Panel<'f> {
     pub values: &'f mut [Lane],
     pub width: usize,
     /// The unknown of each row.
-    pub unknowns: &'f mut [usize],
+    pub unknowns: &'f mut [u32],
 }
 
 impl Panel<'_> {

@@ -23,7 +23,7 @@ mod front;
 use std::ops::Range;
 use std::sync::Arc;
 
-use self::analysis::{Pattern, fronts};
+use self::analysis::{Fronts, Pattern, fronts};
 use self::checkpoint::Checkpoints;
 use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
 use super::memo::Memo;
@@ -42,7 +42,8 @@ pub struct Inertia {
 /// What is left of a front for the one that takes it in: rows of unknowns that had no acceptable pivot, and its border.
 #[derive(Clone, Debug, Default)]
 struct Rest {
-    delayed: Vec<usize>,
+    front: usize,
+    delayed: Vec<u32>,
     /// Over the delayed ones, then the border, row by row.
     rows: Vec<f64>,
     /// The upper half, `lanes` of the border a row; empty if it is zero.
@@ -54,6 +55,7 @@ struct Rest {
 impl Rest {
     /// Becomes a copy, in the memory it has.
     fn copy_from(&mut self, other: &Self) {
+        self.front = other.front;
         self.delayed.clone_from(&other.delayed);
         self.rows.clone_from(&other.rows);
         self.border.clone_from(&other.border);
@@ -68,7 +70,7 @@ struct Factors {
     /// Unknowns that nothing couples, and the inverses of their entries.
     alone: Vec<(usize, f64)>,
     pivots: Vec<Pivot>,
-    unknowns: Vec<usize>,
+    unknowns: Vec<u32>,
     rows: Vec<Lane>,
     fronts: Vec<FrontEnd>,
     /// Zero times the rows: not a number once any is not finite.
@@ -88,7 +90,7 @@ struct FrontEnd {
 struct FrontFactors<'f> {
     pivots: &'f [Pivot],
     /// Those that could be pivots, and the border.
-    unknowns: [&'f [usize]; 2],
+    unknowns: [&'f [u32]; 2],
     rows: &'f [Lane],
 }
 
@@ -146,12 +148,12 @@ impl FrontFactors<'_> {
         local.clear();
         local.resize(lanes(summed.len()) + lanes(border.len()), ZERO);
         let (head, tail) = local.split_at_mut(lanes(summed.len()));
-        summed.iter().zip(flat_mut(head)).for_each(|(&i, to)| *to = x[i]);
-        border.iter().zip(flat_mut(tail)).for_each(|(&i, to)| *to = x[i]);
+        summed.iter().zip(flat_mut(head)).for_each(|(&i, to)| *to = x[i as usize]);
+        border.iter().zip(flat_mut(tail)).for_each(|(&i, to)| *to = x[i as usize]);
         change(self.pivots, self.rows, local);
         let (head, tail) = local.split_at(lanes(summed.len()));
-        summed.iter().zip(flat(head)).for_each(|(&i, from)| x[i] = *from);
-        border.iter().zip(flat(tail)).for_each(|(&i, from)| x[i] = *from);
+        summed.iter().zip(flat(head)).for_each(|(&i, from)| x[i as usize] = *from);
+        border.iter().zip(flat(tail)).for_each(|(&i, from)| x[i as usize] = *from);
     }
 }
 
@@ -163,8 +165,7 @@ pub struct StagedLdl {
     rows: Arc<[u32]>,
     /// S: what is factorised is S K S.
     scale: Vec<f64>,
-    /// Each after those that it takes in.
-    fronts: Arc<[Pattern]>,
+    fronts: Arc<Fronts>,
     duals: [Range<usize>; 2],
     factors: Factors,
     checkpoints: Checkpoints,
@@ -181,8 +182,8 @@ struct Work {
     border: Vec<Lane>,
     scaled: Vec<Lane>,
     pivots: Vec<Pivot>,
-    unknowns: Vec<usize>,
-    /// The column in the front of each of `own` then `border`, and its S.
+    unknowns: Vec<u32>,
+    /// The column in the front of each unknown of its pattern, and its S.
     column: Vec<usize>,
     scale: Vec<f64>,
     /// The column of each unknown of a front that is taken in.
@@ -199,9 +200,9 @@ const ABSENT: usize = usize::MAX;
 const SHARED: usize = 200_000;
 
 /// [`fronts`], worked out once for all problems of a shape.
-fn shared_fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Arc<[Pattern]> {
+fn shared_fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Arc<Fronts> {
     type Shape = (Arc<[usize]>, Arc<[u32]>, Vec<usize>, [Range<usize>; 2]);
-    static KNOWN: Memo<Shape, Arc<[Pattern]>> = Memo::new();
+    static KNOWN: Memo<Shape, Arc<Fronts>> = Memo::new();
     let work_out = || fronts(matrix, stage, equations.clone(), loose.clone()).into();
     if matrix.values.len() > SHARED {
         return work_out();
@@ -258,14 +259,14 @@ impl StagedLdl {
             x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
             (0..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, &mut work.local));
         }
-        fronts.iter().enumerate().skip(begin).all(|(f, pattern)| {
+        (begin..fronts.len()).all(|f| {
             let before = factors.fronts.len();
-            work.factorise(pattern, (values, scale), f + 1 == fronts.len(), duals, factors, &mut checkpoints.entries);
+            work.factorise((fronts, f), (values, scale), duals, factors, &mut checkpoints.entries);
             checkpoints.pass(f + 1, factors, &work.rests[..work.waiting]);
             let Some(x) = &mut right else { return true };
             (before..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, &mut work.local));
             let rest = &work.rests[work.waiting - 1];
-            let duals_left = || count_duals(duals, rest.delayed.iter().chain(&pattern.border));
+            let duals_left = || count_duals(duals, rest.delayed.iter().chain(fronts.get(f).border()));
             rest.excess <= 0 || rest.excess <= duals_left()
         })
     }
@@ -330,8 +331,8 @@ impl StagedLdl {
 }
 
 /// How many of the unknowns are duals.
-fn count_duals<'a>(duals: &[Range<usize>; 2], unknowns: impl IntoIterator<Item = &'a usize>) -> isize {
-    unknowns.into_iter().filter(|i| duals.iter().any(|of| of.contains(i))).count() as isize
+fn count_duals<'a>(duals: &[Range<usize>; 2], unknowns: impl IntoIterator<Item = &'a u32>) -> isize {
+    unknowns.into_iter().filter(|i| duals.iter().any(|of| of.contains(&(**i as usize)))).count() as isize
 }
 
 impl Work {
@@ -339,16 +340,16 @@ impl Work {
     /// those that wait then.
     fn factorise(
         &mut self,
-        pattern: &Pattern,
+        (fronts, f): (&Fronts, usize),
         (values, scale): (&[f64], &[f64]),
-        is_last: bool,
         duals: &[Range<usize>; 2],
         factors: &mut Factors,
         entries: &mut Vec<f64>,
     ) {
-        let first = self.waiting - pattern.children.len();
-        self.arrange(pattern, (values, scale), first, factors);
-        let (summed, border) = (self.unknowns.len(), pattern.border.len());
+        let pattern = fronts.get(f);
+        let first = self.waiting - pattern.takes;
+        self.arrange((fronts, pattern), (values, scale), first, factors);
+        let (summed, border) = (self.unknowns.len(), pattern.border().len());
         let start = lanes(summed);
         let width = start + lanes(border);
         self.panel.clear();
@@ -358,7 +359,7 @@ impl Work {
         if meets {
             self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
         }
-        self.take_in(pattern, first, width, start * LANE);
+        self.take_in(fronts, first, width, start * LANE);
         let panel = flat_mut(&mut self.panel);
         let before = entries.len();
         entries.extend(pattern.entries.iter().map(|entry| entry.value(values, &self.scale)));
@@ -376,7 +377,7 @@ impl Work {
         }
         self.pivots.clear();
         let mut panel = Panel { values: &mut self.panel, width, unknowns: &mut self.unknowns };
-        let done = if summed > 0 { front::eliminate(&mut panel, is_last, &mut self.pivots) } else { 0 };
+        let done = if summed > 0 { front::eliminate(&mut panel, f + 1 == fronts.len(), &mut self.pivots) } else { 0 };
         if done > 0 {
             if border > 0 {
                 self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
@@ -384,7 +385,7 @@ impl Work {
             }
             factors.keep(&panel, &self.pivots);
             factors.unknowns.extend_from_slice(&self.unknowns);
-            factors.unknowns.extend_from_slice(&pattern.border);
+            factors.unknowns.extend_from_slice(pattern.border());
             factors.fronts.push(FrontEnd {
                 pivots: factors.pivots.len(),
                 unknowns: factors.unknowns.len(),
@@ -396,6 +397,7 @@ impl Work {
         self.waiting = first + 1;
         self.rests.resize_with(self.rests.len().max(self.waiting), Rest::default);
         let rest = &mut self.rests[first];
+        rest.front = f;
         rest.delayed.clear();
         rest.delayed.extend_from_slice(&self.unknowns[done..]);
         rest.rows.clear();
@@ -412,29 +414,39 @@ impl Work {
 
     /// Settles which unknowns the front holds, and the column of each: what was delayed comes first. Own unknowns that nothing couples now
     /// (inequalities that are not active) stay out of it.
-    fn arrange(&mut self, pattern: &Pattern, (values, scale): (&[f64], &[f64]), first: usize, factors: &mut Factors) {
-        let own = pattern.own.len();
+    fn arrange(
+        &mut self,
+        (fronts, pattern): (&Fronts, Pattern<'_>),
+        (values, scale): (&[f64], &[f64]),
+        first: usize,
+        factors: &mut Factors,
+    ) {
+        let own = pattern.own;
         let Self { rests, unknowns, column, .. } = self;
         self.scale.clear();
-        self.scale.extend(pattern.own.iter().chain(&pattern.border).map(|&i| scale[i]));
+        self.scale.extend(pattern.unknowns.iter().map(|&i| scale[i as usize]));
         column.clear();
-        column.resize(own + pattern.border.len(), 0);
+        column.resize(pattern.unknowns.len(), 0);
+        let rests = &rests[first..self.waiting];
         // Coupled: for now just not absent.
-        pattern.loose.iter().for_each(|&(i, _)| column[i] = ABSENT);
-        pattern.children.iter().flatten().for_each(|&i| column[i] = 0);
-        for coupling in &pattern.couplings {
+        pattern.loose.iter().for_each(|entry| column[entry.places()[0]] = ABSENT);
+        for rest in rests {
+            fronts.get(rest.front).places.iter().for_each(|&place| column[usize::from(place)] = 0);
+        }
+        for coupling in pattern.couplings {
             if values[coupling.slot()] != 0.0 {
                 coupling.places().into_iter().for_each(|place| column[place] = 0);
             }
         }
-        for &(i, slot) in &pattern.loose {
-            if column[i] == ABSENT {
-                factors.alone.push((pattern.own[i], 1.0 / (values[slot] * self.scale[i] * self.scale[i])));
+        for entry in pattern.loose {
+            let [place, _] = entry.places();
+            if column[place] == ABSENT {
+                factors.alone.push((pattern.unknowns[place] as usize, 1.0 / entry.value(values, &self.scale)));
             }
         }
         unknowns.clear();
-        rests[first..self.waiting].iter().for_each(|rest| unknowns.extend_from_slice(&rest.delayed));
-        for (&i, column) in pattern.own.iter().zip(&mut column[..own]) {
+        rests.iter().for_each(|rest| unknowns.extend_from_slice(&rest.delayed));
+        for (&i, column) in pattern.unknowns.iter().zip(&mut column[..own]) {
             if *column != ABSENT {
                 *column = unknowns.len();
                 unknowns.push(i);
@@ -445,15 +457,16 @@ impl Work {
     }
 
     /// Adds the rests of the fronts from `first` on to this one, the border of which begins in column `start`.
-    fn take_in(&mut self, pattern: &Pattern, first: usize, width: usize, start: usize) {
+    fn take_in(&mut self, fronts: &Fronts, first: usize, width: usize, start: usize) {
         let (panel, border) = (flat_mut(&mut self.panel), flat_mut(&mut self.border));
         let (width, border_width) = (width * LANE, width * LANE - start);
         let mut delayed = 0;
-        for (rest, places) in self.rests[first..self.waiting].iter().zip(&pattern.children) {
+        for rest in &self.rests[first..self.waiting] {
+            let places = fronts.get(rest.front).places;
             let target = &mut self.target;
             target.clear();
             target.extend(delayed..delayed + rest.delayed.len());
-            target.extend(places.iter().map(|&i| self.column[i]));
+            target.extend(places.iter().map(|&place| self.column[usize::from(place)]));
             let own = rest.delayed.len();
             for (i, row) in rest.rows.chunks_exact(target.len().max(1)).enumerate() {
                 let out = &mut panel[(delayed + i) * width..][..width];
