@@ -96,7 +96,7 @@ impl Sparse {
     }
 
     /// (row, value) of a column's entries.
-    fn column(&self, column: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+    pub fn column(&self, column: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let slots = self.column_start[column]..self.column_start[column + 1];
         self.row_index[slots.clone()].iter().map(|&row| row as usize).zip(self.values[slots].iter().copied())
     }

@@ -86,6 +86,8 @@ pub struct Collocation<'m> {
     pub instant: Instant<'m>,
     pub layout: Layout,
     pub bounds: Vec<Bound>,
+    /// The maps of all points one after the other: a column each local variable.
+    maps: Sparse,
     /// First equality and first inequality of each point, and the numbers of both.
     row_starts: Vec<usize>,
     bound_starts: Vec<usize>,
@@ -130,6 +132,10 @@ impl<'m> Collocation<'m> {
         let residual_jacobian = Sparse::from_triplets(residual_rows.len(), n, &triplets);
 
         let nz = instant.variables();
+        let combinations = layout.points.iter().flat_map(|point| &point.map).enumerate();
+        let triplets: Vec<(usize, usize, f64)> =
+            combinations.flat_map(|(k, terms)| terms.iter().map(move |&(index, weight)| (index, k, weight))).collect();
+        let maps = Sparse::from_triplets(n, nz * layout.points.len(), &triplets);
         let mut row_starts = vec![layout.linear.len()];
         for point in &layout.points {
             row_starts.push(row_starts[row_starts.len() - 1] + point.rows.len());
@@ -281,6 +287,7 @@ impl<'m> Collocation<'m> {
             instant,
             layout,
             bounds,
+            maps,
             row_starts,
             bound_starts,
             stages,
@@ -315,7 +322,9 @@ impl<'m> Collocation<'m> {
 
     /// Local variables z of a point.
     pub fn local(&self, point: usize, x: &[f64]) -> Vec<f64> {
-        self.layout.points[point].map.iter().map(|combination| evaluate(combination, x)).collect()
+        let nz = self.instant.variables();
+        let value = |k| self.maps.column(k).map(|(index, weight)| weight * x[index]).sum();
+        (point * nz..(point + 1) * nz).map(value).collect()
     }
 
     /// The bound's slack at x.
@@ -389,9 +398,9 @@ impl Problem for Collocation<'_> {
                 residual[contraction + m] = self.instant.printed_contraction_residual(self.layout.times[point], &z, m);
             }
             worst = rows.iter().map(|&row| residual[row].abs()).fold(worst, larger);
-        }
-        for bound in &self.bounds {
-            worst = larger(worst, -self.slack(bound, &self.local(bound.point, x)));
+            for bound in &self.bounds[self.bound_starts[point]..self.bound_starts[point + 1]] {
+                worst = larger(worst, -self.slack(bound, &z));
+            }
         }
         worst
     }
