@@ -25,6 +25,8 @@ use sinew::transcription::instant::Instant;
 use sinew::transcription::scheme::Discretisation;
 
 const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];
+/// δ in turn: what has not changed since the last time would not be factorised again.
+const IN_TURN: [f64; 2] = [1e-2, 2e-2];
 
 fn main() {
     divan::main();
@@ -97,11 +99,13 @@ fn factorisation(bencher: Bencher, points: usize) {
         let [hessian, metric] = curvatures(problem, &here);
         let mut kkt = Kkt::new(problem);
         let active = vec![false; here.inequalities.len()];
+        let mut damping = IN_TURN[0];
         bencher.bench_local(|| {
+            damping = IN_TURN[0] + IN_TURN[1] - damping;
             kkt.factorise(&KktValues {
                 hessian: &hessian,
                 metric: &metric,
-                damping: 1e-2,
+                damping,
                 equalities: &here.equality_jacobian,
                 inequalities: &here.inequality_jacobian,
                 rows: Rows::Active(&active),
@@ -119,9 +123,11 @@ fn qp(bencher: Bencher, points: usize) {
         let mut kkt = Kkt::new(problem);
         let active = sinew::nlp::polish::active(&here.inequalities);
         let here = (&here, here.kkt_error().largest());
+        let mut damping = IN_TURN[0];
         bencher.bench_local(|| {
-            active_set::solve(&mut kkt, here, &hessian, &metric, &mut 1e-6, (active_set::EXACT_DAMPING, false), &active)
-                .is_ok()
+            damping = IN_TURN[0] + IN_TURN[1] - damping;
+            let (mut delta, most) = (1e-4 * damping, active_set::EXACT_DAMPING);
+            active_set::solve(&mut kkt, here, &hessian, &metric, &mut delta, (most, false), &active).is_ok()
         });
     });
 }
