@@ -155,27 +155,26 @@ impl Kkt {
         self.factorisations += 1;
         self.is_accurate = false;
         let (n, me) = (self.variables, self.equalities);
+        self.primal = (PRIMAL * values.damping).clamp(PRIMAL_RANGE.0, PRIMAL_RANGE.1);
         let matrix = &mut self.matrix.values;
-        matrix.fill(0.0);
+        // Of the variables' diagonal the Hessian may have only some.
+        self.diagonal_slots[..n].iter().for_each(|&slot| matrix[slot as usize] = 0.0);
         for (k, &slot) in self.hessian_slots.iter().enumerate() {
             matrix[slot as usize] = values.hessian.values[k] + values.damping * values.metric.values[k];
         }
-        for (k, &slot) in self.equality_slots.iter().enumerate() {
-            matrix[slot as usize] = values.equalities.values[k];
+        self.diagonal_slots[..n].iter().for_each(|&slot| matrix[slot as usize] += self.primal);
+        for (&slot, value) in self.equality_slots.iter().zip(&values.equalities.values) {
+            matrix[slot as usize] = *value;
         }
+        self.diagonal_slots[n..n + me].iter().for_each(|&slot| matrix[slot as usize] = -DUAL);
         for (k, (row, _, _)) in values.inequalities.entries().enumerate() {
-            if values.rows.row(row).0 {
-                matrix[self.inequality_slots[k] as usize] = values.inequalities.values[k];
-            }
+            let kept = values.rows.row(row).0;
+            matrix[self.inequality_slots[k] as usize] = if kept { values.inequalities.values[k] } else { 0.0 };
         }
-        for row in 0..self.active.len() {
+        for (row, &slot) in self.diagonal_slots[n + me..].iter().enumerate() {
             let (kept, diagonal) = values.rows.row(row);
             self.active[row] = kept;
-            matrix[self.diagonal_slots[n + me + row] as usize] = diagonal;
-        }
-        self.primal = (PRIMAL * values.damping).clamp(PRIMAL_RANGE.0, PRIMAL_RANGE.1);
-        for (i, &slot) in self.diagonal_slots.iter().enumerate() {
-            matrix[slot as usize] += if i < n { self.primal } else { -DUAL };
+            matrix[slot as usize] = diagonal - DUAL;
         }
         true
     }

@@ -5,7 +5,7 @@ use super::front::LANE;
 use super::{Factors, Rest, Work, ZERO};
 
 /// There are so many times as many numbers of the factors as of the checkpoints.
-const SPARSE: usize = 8;
+const SPARSE: usize = 32;
 
 #[derive(Clone, Debug, Default)]
 pub struct Checkpoints {
@@ -54,12 +54,7 @@ impl Checkpoints {
     }
 
     /// How many of the fronts have the entries that they had.
-    fn count_same(
-        &self,
-        fronts: &Fronts,
-        (values, scale): (&[f64], &[f64]),
-        of_front: &mut Vec<f64>,
-    ) -> usize {
+    fn count_same(&self, fronts: &Fronts, (values, scale): (&[f64], &[f64]), of_front: &mut Vec<f64>) -> usize {
         let mut before = self.entries.as_slice();
         let is_same = |pattern: &Pattern<'_>| {
             let Some((of_this, later)) = before.split_at_checked(pattern.entries.len()) else { return false };
