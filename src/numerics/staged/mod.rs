@@ -560,6 +560,38 @@ mod tests {
     }
 
     #[test]
+    fn what_has_changed_in_a_late_front_is_eliminated_from_there_and_the_numbers_are_the_same() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
+        let stages = 300;
+        let (mut matrix, stage) = matrix(&mut rng, stages, 5);
+        let (n, analysed) = (matrix.columns, matrix.clone());
+        let new = || StagedLdl::new(&analysed, &stage, 0..0, n / 2..n);
+        let mut ldl = new();
+        assert!(ldl.factorise(&matrix.values).is_some());
+        let at = |s: usize| analysed.entries().find(|&(i, j, _)| i == j && stage[i] == s).unwrap().2;
+        // Elimination goes from the last stage back.
+        for (changed, least, most) in [(0, 200, 300), (150, 75, 150), (stages - 1, 0, 0), (40, 180, 260)] {
+            matrix.values[at(changed)] += 1.0;
+            let values = &matrix.values;
+            ldl.equilibrate(values);
+            let StagedLdl { checkpoints, fronts, scale, factors, work, .. } = &mut ldl;
+            let begin = checkpoints.resume(fronts, (values, scale), factors, work);
+            assert!((least..=most).contains(&begin), "{changed}: {begin}");
+            let mut fresh = new();
+            assert_eq!(ldl.factorise(values), fresh.factorise(values));
+            let mut solutions = [(); 2].map(|()| (0..n).map(|i| (i as f64).sin()).collect::<Vec<f64>>());
+            ldl.solve(&mut solutions[0]);
+            fresh.solve(&mut solutions[1]);
+            assert_eq!(solutions[0], solutions[1], "{changed}");
+            // Nothing is gone on from that is not finite.
+            let mut broken = matrix.values.clone();
+            broken[at(stages / 3)] = f64::NAN;
+            assert_eq!(ldl.factorise(&broken), None);
+            assert_eq!(ldl.factorise(values), fresh.factorise(values));
+        }
+    }
+
+    #[test]
     fn solutions_and_inertia_agree_with_the_dense_eigenvalues() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
         // The last with fronts of many lanes.
