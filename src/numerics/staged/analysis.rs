@@ -199,10 +199,12 @@ fn numbered(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -> Front
             let mut kinds = [const { Vec::new() }; 3];
             for (i, j, slot) in entries {
                 let (row, column) = (place[i].min(place[j]), place[i].max(place[j]));
-                let kind = match () {
-                    () if row == column && is_loose(&row) => 0,
-                    () if [row, column].iter().any(is_loose) => 1,
-                    () => 2,
+                let kind = if row == column && is_loose(&row) {
+                    0
+                } else if [row, column].iter().any(is_loose) {
+                    1
+                } else {
+                    2
                 };
                 kinds[kind].push(Entry::new(row, column, slot));
             }

@@ -15,6 +15,8 @@
 //! delayed to the next front. That keeps the factors bounded without regularisation (Duff and Reid, *The
 //! multifrontal solution of indefinite sparse symmetric linear equations*, ACM TOMS 9, 1983). By Sylvester's law
 //! the signs of the pivots are the signs of the eigenvalues.
+//!
+//! A matrix that differs from the last one only from some front on is eliminated only from there on ([`checkpoint`]): the numbers are the same.
 
 mod analysis;
 mod checkpoint;
@@ -42,6 +44,7 @@ pub struct Inertia {
 /// What is left of a front for the one that takes it in: rows of unknowns that had no acceptable pivot, and its border.
 #[derive(Clone, Debug, Default)]
 struct Rest {
+    /// Which front.
     front: usize,
     delayed: Vec<u32>,
     /// Over the delayed ones, then the border, row by row.
@@ -249,8 +252,8 @@ impl StagedLdl {
         is_convex
     }
 
-    /// Eliminates front by front, those first of which nothing has changed excepted. With a right-hand side it solves with L and S on the way, and gives
-    /// up once more eigenvalues are negative than the duals left account for.
+    /// Eliminates front by front but for the first ones, if they are as they were. With a right-hand side it solves with S and L on the way, and gives up,
+    /// returning false, once more eigenvalues are negative than the duals left account for.
     fn eliminate(&mut self, values: &[f64], mut right: Option<&mut [f64]>) -> bool {
         self.equilibrate(values);
         let Self { fronts, scale, duals, factors, checkpoints, work, .. } = self;
