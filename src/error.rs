@@ -88,11 +88,14 @@ pub struct SourceFile {
 /// The largest text file that is read, bytes.
 const LARGEST: u64 = 64 << 20;
 
+/// Endings of files that are read as Latin-1 if they are not UTF-8.
+const LATIN_1: [&str; 3] = ["osim", "mot", "sto"];
+
 /// Lines up to this many bytes are shown with an error.
 const LONGEST_LINE: usize = 1000;
 
 impl SourceFile {
-    /// Reads a text file of at most [`LARGEST`].
+    /// Reads a text file of at most [`LARGEST`]. OpenSim's files may be Latin-1, as many are.
     ///
     /// # Errors
     /// If it cannot be read, is larger, or is not UTF-8.
@@ -109,6 +112,9 @@ impl SourceFile {
         }
         match String::from_utf8(bytes) {
             Ok(text) => Ok(Self { path: path.to_owned(), text }),
+            Err(error) if path.extension().is_some_and(|ending| LATIN_1.iter().any(|e| ending.eq_ignore_ascii_case(e))) => {
+                Ok(Self { path: path.to_owned(), text: error.as_bytes().iter().copied().map(char::from).collect() })
+            }
             Err(error) => {
                 let line = error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count();
                 let file = Self { path: path.to_owned(), text: String::new() };

@@ -50,7 +50,7 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
             let imported = opensim::import(&file)?;
             let skeleton = imported.file.check().map_err(|issue| opensim::error(&file, &issue))?;
             let list = super::import::listed(&imported.notes);
-            let list = if list.is_empty() { list } else { format!("\nNot mapped, and what it means:\n{list}") };
+            let list = if list.is_empty() { list } else { format!("\n{list}") };
             Ok(format!("OpenSim model, {}{list}", described(&skeleton)))
         }
         Some("toml") => {

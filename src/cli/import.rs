@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result, SourceFile};
-use crate::opensim::{self, Note};
+use crate::opensim::{self, Note, Weight};
 use crate::skeleton::text::text;
 
 pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
     let source = SourceFile::read(model)?;
     let imported = opensim::import(&source)?;
     let list = listed(&imported.notes);
-    let matter: Vec<Note> = imported.notes.iter().filter(|note| note.matters).cloned().collect();
-    if strict && !matter.is_empty() {
-        let message = format!("{}: {} thing(s) cannot be mapped:\n{}", model.display(), matter.len(), listed(&matter));
+    let lost: Vec<Note> = imported.notes.iter().filter(|note| note.weight == Weight::Lost).cloned().collect();
+    if strict && !lost.is_empty() {
+        let message = format!("{}: {} thing(s) are lost:\n{}", model.display(), lost.len(), listed(&lost));
         let help = "without --strict the model is written all the same, and the list with it";
         return Err(source.error(None, message, "", Some(help.to_owned())));
     }
@@ -39,14 +39,27 @@ pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
         file.surface.len()
     ));
     if !imported.notes.is_empty() {
-        print(&format!("Not mapped, and what it means:\n{list}"));
+        print(&list);
     }
     Ok(GOOD)
 }
 
-/// A line a note.
+/// A line a note, under a line for each weight.
 pub fn listed(notes: &[Note]) -> String {
-    notes.iter().map(|note| format!("  {}: {}\n", note.what, note.lost)).collect::<String>().trim_end().to_owned()
+    let mut out = String::new();
+    for (weight, title) in [
+        (Weight::Lost, "Lost, so that results differ:"),
+        (Weight::Changed, "Replaced:"),
+        (Weight::Remark, "Without influence on results:"),
+    ] {
+        let mut lines = notes.iter().filter(|note| note.weight == weight).peekable();
+        if lines.peek().is_some() {
+            out.push_str(title);
+            out.push('\n');
+        }
+        lines.for_each(|note| out.push_str(&format!("  {}: {}\n", note.what, note.lost)));
+    }
+    out.trim_end().to_owned()
 }
 
 fn comment(source: &SourceFile, notes: &[Note]) -> String {
@@ -56,7 +69,7 @@ fn comment(source: &SourceFile, notes: &[Note]) -> String {
         env!("CARGO_PKG_VERSION"),
     );
     if !notes.is_empty() {
-        comment.push_str(&format!("\nNot mapped, and what it means:\n{}\n", listed(notes)));
+        comment.push_str(&format!("\n{}\n", listed(notes)));
     }
     comment
 }

@@ -41,6 +41,7 @@ impl Model {
     pub fn of_skeleton(skeleton: Arc<Skeleton>, girdle: Girdle) -> Self {
         let spatial = Spatial::new(skeleton, girdle);
         let muscles = (spatial.skeleton.muscles.iter())
+            .filter(|muscle| spatial.is_moved_by(muscle))
             .map(|muscle| Musculotendon {
                 name: muscle.name.clone(),
                 max_isometric_force: muscle.max_isometric_force,
@@ -54,7 +55,6 @@ impl Model {
                 rigid_tendon: muscle.rigid_tendon,
                 path: Path::Spatial(spatial.path(muscle)),
             })
-            .filter(|muscle| !muscle.path.slots().is_empty())
             .collect();
         Self { name: spatial.skeleton.name.clone(), mechanics: Mechanics::Spatial(spatial), muscles }
     }

@@ -34,7 +34,7 @@ pub fn parse(file: &SourceFile) -> Result<Document<'_>> {
             _ => "an OpenSim model is an XML file that OpenSim has written; open and save it there",
         };
         let place = file.line_span(e.pos().row as usize);
-        file.error(place, format!("this is no XML: {e}"), "here", Some(help.to_owned()))
+        file.error(place, format!("this is not XML: {e}"), "here", Some(help.to_owned()))
     })
 }
 
@@ -71,9 +71,10 @@ impl<'d> Element<'d> {
         }
     }
 
-    /// Whether it has a function, of any kind.
+    /// Whether it has a function, of any kind; an empty `<function/>` is none.
     pub fn has_function(&self) -> bool {
-        self.children().any(|child| child.tag() == "function" || child.name() == "function")
+        let holds = |child: Element<'d>| child.tag() == "function" && child.children().next().is_some();
+        self.children().any(|child| holds(child) || child.name() == "function")
     }
 
     /// All elements below with this tag.

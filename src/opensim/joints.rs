@@ -14,7 +14,10 @@ use crate::skeleton::function::FunctionEntry;
 
 const UNITS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-pub fn body(element: Element<'_>) -> Result<BodyEntry> {
+/// OpenSim's default, kg.
+const MASS: f64 = 1.0;
+
+pub fn body(element: Element<'_>, notes: &mut Notes) -> Result<BodyEntry> {
     let one = |tag: &str| Ok::<f64, crate::error::Error>(element.number(tag)?.unwrap_or(0.0));
     let inertia = match element.vector::<6>("inertia")? {
         Some(inertia) => inertia,
@@ -27,9 +30,13 @@ pub fn body(element: Element<'_>) -> Result<BodyEntry> {
             one("inertia_yz")?,
         ],
     };
+    let mass = element.number("mass")?;
+    if mass.is_none() {
+        notes.changed(&format!("body {}", element.name()), format!("its file gives no mass: {MASS} kg, OpenSim's default"));
+    }
     Ok(BodyEntry {
         name: element.name().to_owned(),
-        mass: one("mass")?,
+        mass: mass.unwrap_or(MASS),
         centre_of_mass: element.vector("mass_center")?.unwrap_or_default(),
         inertia,
         role: Role::Free,
@@ -47,6 +54,31 @@ pub struct Found<'d> {
 pub struct Joint {
     pub entry: JointEntry,
     pub coordinates: Vec<CoordinateEntry>,
+}
+
+/// Kinds of joint that can be read.
+const KINDS: [&str; 10] = [
+    "WeldJoint",
+    "PinJoint",
+    "SliderJoint",
+    "UniversalJoint",
+    "BallJoint",
+    "GimbalJoint",
+    "PlanarJoint",
+    "FreeJoint",
+    "CustomJoint",
+    "ScapulothoracicJoint",
+];
+
+/// # Errors
+/// If there are joints of other kinds: all of them, at the first.
+pub fn check_kinds(joints: &[Found<'_>]) -> Result<()> {
+    let unknown: Vec<&Found<'_>> = joints.iter().filter(|found| !KINDS.contains(&found.element.tag())).collect();
+    let Some(first) = unknown.first() else { return Ok(()) };
+    let name = |found: &&Found<'_>| format!("{} `{}`", found.element.tag(), found.element.name());
+    let names = unknown.iter().map(name).collect::<Vec<_>>().join(", ");
+    let help = format!("describe the motion by a joint of a kind that is: {}", KINDS.join(", "));
+    Err(first.element.error(format!("not supported: {names}"), &help))
 }
 
 pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> Result<Joint> {
@@ -91,22 +123,18 @@ pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> R
             let origin = element.numbers("scapula_winging_axis_origin")?.unwrap_or_default();
             let direction = element.number("scapula_winging_axis_direction")?.unwrap_or(0.0);
             if direction != 0.0 || origin.iter().any(|x| *x != 0.0) {
-                let lost = "winging turns about the y-axis through the joint's point: its own origin and direction are left away";
-                notes.add(&format!("joint {name}"), lost);
+                let lost = "winging turns about the y-axis through the joint's point: its own origin and direction are ignored";
+                notes.changed(&format!("joint {name}"), lost);
             }
         }
-        other => {
-            entry.kind = JointEntryKind::Weld;
-            let lost = format!("a {other} is not known: it is a weld here, and what hangs on it does not move");
-            notes.add(&format!("joint {name}"), lost);
-        }
+        _ => unreachable!("`check_kinds` has seen all joints"),
     }
     if entry.kind == JointEntryKind::Axes && entry.rotations.is_empty() && entry.translations.is_empty() {
         entry.kind = JointEntryKind::Weld;
     }
     if element.flag("reverse", false) {
-        let lost = "it is reversed (`reverse`), which Sinew does not do: its motion is not that of OpenSim";
-        notes.add(&format!("joint {name}"), lost);
+        let lost = "reversed joints (`reverse`) are not supported: its motion is not that of OpenSim";
+        notes.lost(&format!("joint {name}"), lost);
     }
     (entry.parent_point, entry.parent_rotation) = parent.point_and_rotation();
     (entry.child_point, entry.child_rotation) = child.point_and_rotation();
@@ -142,8 +170,8 @@ fn coordinates<'d>(reader: &Reader<'d>, joint: Element<'d>, notes: &mut Notes) -
     let coordinate = |element: &Element<'d>| {
         let name = element.name().to_owned();
         if element.flag("prescribed", false) {
-            let lost = "its prescribed function is left away: a study takes the coordinate from the motion file";
-            notes.add(&format!("coordinate {name}"), lost);
+            let lost = "its prescribed function is ignored: a study takes the coordinate from the motion file";
+            notes.changed(&format!("coordinate {name}"), lost);
         }
         let default = reader.number(*element, &["default_value"])?.unwrap_or(0.0);
         Ok(CoordinateEntry { name, default, locked: element.flag("locked", false), follows: None })
@@ -158,7 +186,7 @@ fn complete(entry: &JointEntry, described: Vec<CoordinateEntry>, notes: &mut Not
     let mut seen = std::collections::HashSet::new();
     used.retain(|name| seen.insert(name.as_str()));
     for left in described.iter().filter(|coordinate| !seen.contains(coordinate.name.as_str())) {
-        notes.add(&format!("coordinate {}", left.name), "it moves nothing here, and is left away");
+        notes.remark(&format!("coordinate {}", left.name), "left out: it moves nothing");
     }
     let new = |name: &String| CoordinateEntry { name: name.clone(), default: 0.0, locked: false, follows: None };
     let find = |name: &String| described.iter().find(|coordinate| coordinate.name == *name).cloned();
@@ -258,16 +286,16 @@ fn transforms<'d>(element: Element<'d>, notes: &mut Notes) -> Result<(Vec<Transf
             (None, false, None) => FunctionEntry::Polynomial(vec![0.0]),
             (None, true, _) => {
                 let lost = format!(
-                    "the function of the axis {} is of a kind that Sinew has not: nothing moves along it",
+                    "the function of the axis {} is of a kind that is not supported: nothing moves along it",
                     axis.name()
                 );
-                notes.add(&format!("joint {}", element.name()), lost);
+                notes.lost(&format!("joint {}", element.name()), lost);
                 FunctionEntry::Polynomial(vec![0.0])
             }
         };
         if names.next().is_some() {
-            let lost = format!("the axis {} goes by several coordinates: only the first is taken", axis.name());
-            notes.add(&format!("joint {}", element.name()), lost);
+            let lost = format!("the axis {} is driven by several coordinates: only the first is taken", axis.name());
+            notes.lost(&format!("joint {}", element.name()), lost);
         }
         let Some(direction) = axis.vector::<3>("axis")? else {
             return Err(axis.error("the axis has no direction", "write <axis> x y z </axis>"));
@@ -292,10 +320,10 @@ pub fn constraint<'d>(
 ) -> Result<()> {
     let name = format!("constraint {}", element.name());
     if !element.flag("isEnforced", true) || element.flag("isDisabled", false) {
-        notes.add(&name, "it is switched off in the model, and left away");
+        notes.remark(&name, "left out: it is switched off in the model");
         return Ok(());
     }
-    let lost = "it is left away: what it holds together is free to part";
+    let lost = "left out: what it holds together is free to part";
     match element.tag() {
         "PointConstraint" => {
             let end = |socket: &str, older: &str, point: &str| -> Result<(String, [f64; 3])> {
@@ -320,18 +348,19 @@ pub fn constraint<'d>(
                 ([leader], Some(follower), Some(by)) if known => {
                     follower.follows = Some(FollowsEntry { coordinate: (*leader).to_owned(), by });
                 }
-                _ => notes.add(
+                _ => notes.lost(
                     &name,
-                    "it couples several coordinates, or by a function of a kind that Sinew has not: left away",
+                    "left out: it couples several coordinates, or by a function of a kind that is not supported",
                 ),
             }
         }
-        _ => notes.add(&format!("{name} ({})", element.tag()), lost),
+        _ => notes.lost(&format!("{name} ({})", element.tag()), lost),
     }
     Ok(())
 }
 
-/// Bodies that move as given: those welded to the ground (or locked there), and those that hang on it by six coordinates, which no muscle moves.
+/// Bodies that move as given: those welded to the ground (or locked there), and floating bases: those with a free joint to the ground, in space
+/// or in a plane.
 pub fn assign_roles(
     bodies: &mut [BodyEntry],
     joints: &[JointEntry],
@@ -348,13 +377,14 @@ pub fn assign_roles(
             let mut moving = joint.rotations.iter().chain(&joint.translations).filter(|axis| !locked(&axis.coordinate));
             let still =
                 joint.kind == JointEntryKind::Weld || (joint.kind == JointEntryKind::Axes && moving.next().is_none());
-            let floats = parent == GROUND && joint.rotations.len() == 3 && joint.translations.len() == 3;
+            let freedoms = (joint.rotations.len(), joint.translations.len());
+            let floats = parent == GROUND && [(3, 3), (1, 2)].contains(&freedoms);
             if (still || floats) && !given.contains(&joint.child) {
                 given.push(joint.child.clone());
             }
             if floats && !still {
-                let lost = "it hangs on the ground by six coordinates: its role is \"given\", it moves as the motion file says and no residual forces are asked for";
-                notes.add(&format!("body {}", joint.child), lost);
+                let lost = "its joint to the ground is free: its role is \"given\", it moves as the motion file says and no residual forces are computed";
+                notes.remark(&format!("body {}", joint.child), lost);
             }
         }
     }

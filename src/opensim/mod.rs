@@ -11,24 +11,24 @@
 //! | PointConstraint | `[[held_point]]` |
 //! | Thelen2003, Millard2012, DeGrooteFregly2016, Schutte1993, RigidTendon muscle | `[[muscle]]`: its parameters, with Sinew's curves |
 //! | PathPoint, MovingPathPoint, ConditionalPathPoint | `path`: fixed, `moves` or `x`, `y`, `z`, `when` |
-//! | WrapSphere, WrapCylinder, WrapEllipsoid, the range of a PathWrap | `[[surface]]`, `surfaces` |
+//! | WrapSphere, WrapCylinder, WrapEllipsoid, WrapTorus, the range of a PathWrap | `[[surface]]`, `surfaces` |
 
 mod document;
 mod frames;
 mod function;
 mod joints;
+mod lost;
+mod mend;
 mod muscles;
-mod order;
+mod repair;
 
 use document::{Defaults, Element};
 use frames::Frames;
 use joints::Found;
-use order::Ranges;
 
 use crate::error::{Issue, Result, SourceFile};
 use crate::model::file::CurvesEntry;
-use crate::skeleton::Role;
-use crate::skeleton::file::{GROUND, MusclesEntry, ObstacleEntry, SkeletonFile};
+use crate::skeleton::file::{GROUND, MusclesEntry, SkeletonFile};
 
 /// A model that was read, and what was not.
 #[derive(Clone, Debug)]
@@ -42,16 +42,38 @@ pub struct Imported {
 pub struct Note {
     pub what: String,
     pub lost: String,
-    /// Whether results may differ for it.
-    pub matters: bool,
+    pub weight: Weight,
+}
+
+/// How much a note matters to results, the most first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Weight {
+    /// Something that acts on the model is not there.
+    Lost,
+    /// Something is there in another form, with other numbers.
+    Changed,
+    /// No number differs.
+    Remark,
 }
 
 #[derive(Default)]
 struct Notes(Vec<Note>);
 
 impl Notes {
-    fn add(&mut self, what: &str, lost: impl Into<String>) {
-        self.push(Note { what: what.to_owned(), lost: lost.into(), matters: true });
+    fn lost(&mut self, what: &str, lost: impl Into<String>) {
+        self.add(what, lost, Weight::Lost);
+    }
+
+    fn changed(&mut self, what: &str, lost: impl Into<String>) {
+        self.add(what, lost, Weight::Changed);
+    }
+
+    fn remark(&mut self, what: &str, lost: impl Into<String>) {
+        self.add(what, lost, Weight::Remark);
+    }
+
+    fn add(&mut self, what: &str, lost: impl Into<String>, weight: Weight) {
+        self.push(Note { what: what.to_owned(), lost: lost.into(), weight });
     }
 
     fn push(&mut self, note: Note) {
@@ -94,30 +116,28 @@ pub fn is_one(file: &SourceFile) -> bool {
 /// Reads an OpenSim model.
 ///
 /// # Errors
-/// If the file is no XML or no model, names what is not there, has numbers that are none, or describes no mechanism.
+/// If the file is not XML or not a model, names what is not there, has numbers that are none, joints that are not supported, or describes no
+/// mechanism.
 pub fn import(source: &SourceFile) -> Result<Imported> {
-    let document = document::parse(source)?;
-    let root = Element { node: document.root_element(), file: source };
+    let repaired = repair::repaired(source);
+    let file = &*repaired;
+    let document = document::parse(file)?;
+    let root = Element { node: document.root_element(), file };
     let model = if root.tag() == "Model" { Some(root) } else { root.child("Model") };
     let Some(model) = model else {
         let help = "an OpenSim model has a <Model> in an <OpenSimDocument>";
         return Err(root.error(format!("<{}> holds no <Model>", root.tag()), help));
     };
-    let mut notes = Notes::default();
-    // Version 1 has bodies within an engine.
-    let engine = model.child("DynamicsEngine").and_then(|engine| engine.children().next());
-    let parts: Vec<Element<'_>> = [Some(model), engine].into_iter().flatten().collect();
-    let set = |tags: &[&str]| -> Vec<Element<'_>> { parts.iter().flat_map(|part| part.objects(tags)).collect() };
-    let all_bodies = set(&["BodySet"]);
-    let bodies: Vec<Element<'_>> = all_bodies.iter().copied().filter(|body| body.name() != GROUND).collect();
+    let parts = Parts::of(model);
+    let bodies: Vec<Element<'_>> = parts.bodies.iter().copied().filter(|body| body.name() != GROUND).collect();
     let defaults = (model.descendants("defaults").flat_map(|d| d.children())).map(|d| (d.tag(), d)).collect();
     let reader = Reader { frames: Frames::new(model, &bodies), defaults };
-
-    let mut file = SkeletonFile {
+    let mut notes = Notes::default();
+    let mut read = SkeletonFile {
         name: if model.name().is_empty() { stem(source) } else { model.name().to_owned() },
         source: Some(provenance(source, root, model)),
         dimensions: 3,
-        body: bodies.iter().map(|body| joints::body(*body)).collect::<Result<_>>()?,
+        body: bodies.iter().map(|body| joints::body(*body, &mut notes)).collect::<Result<_>>()?,
         joint: Vec::new(),
         coordinate: Vec::new(),
         surface: Vec::new(),
@@ -125,47 +145,97 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         held_point: Vec::new(),
         force: Vec::new(),
         abduction: None,
-        gravity: parts.last().unwrap_or(&model).vector("gravity")?.unwrap_or([0.0, -9.80665, 0.0]),
+        gravity: parts.gravity()?,
         curves: CurvesEntry::default(),
         muscles: MusclesEntry::default(),
     };
-    for found in joints_of(set(&["JointSet"]), &bodies) {
-        let joint = joints::joint(&reader, &found, &mut notes)?;
-        file.joint.push(joint.entry);
-        file.coordinate.extend(joint.coordinates);
-    }
-    for constraint in set(&["ConstraintSet"]) {
-        joints::constraint(&reader.frames, constraint, &mut file.coordinate, &mut file.held_point, &mut notes)?;
-    }
-    joints::assign_roles(&mut file.body, &file.joint, &file.coordinate, &mut notes);
+    parts.read_joints(&reader, &bodies, &mut read, &mut notes)?;
     let frames = model.descendants("PhysicalOffsetFrame").filter(|frame| frame.child("WrapObjectSet").is_some());
-    let ground = model.child("Ground").into_iter().chain(all_bodies.iter().copied());
+    let ground = model.child("Ground").into_iter().chain(parts.bodies.iter().copied());
     for owner in ground.chain(frames) {
-        file.surface.extend(muscles::surfaces(&reader.frames, owner, &mut notes)?);
+        read.surface.extend(muscles::surfaces(&reader.frames, owner, &mut notes)?);
     }
-    let forces = set(&["ForceSet", "ActuatorSet"]);
-    for force in forces.iter().copied() {
+    for force in parts.forces.iter().copied() {
         if !muscles::is_muscle(force) {
-            other_force(force, &mut notes);
+            lost::force(force, &mut notes);
         } else if !force.flag("appliesForce", true) || force.flag("isDisabled", false) {
-            notes.add(&format!("muscle {}", force.name()), "it is switched off in the model, and left away");
+            notes.lost(&format!("muscle {}", force.name()), "left out: it is switched off in the model");
         } else {
-            file.muscle.push(muscles::muscle(&reader, force, &mut notes)?);
+            read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);
         }
     }
-    left_away(model, &parts, &forces, &mut notes);
-    mend(&mut file, &mut notes);
-    let checked = file.check().map_err(|issue| at(source, root, &issue))?;
-    order::arrange(&mut file, &checked, &ranges(model)?);
-    Ok(Imported { file, notes: notes.0 })
+    lost::others(model, &parts, &mut notes);
+    mend::mend(&mut read, &mut notes);
+    read.check().map_err(|issue| at(source, root, &issue))?;
+    notes.0.sort_by_key(|note| note.weight);
+    Ok(Imported { file: read, notes: notes.0 })
 }
 
-fn ranges<'d>(model: Element<'d>) -> Result<Ranges<'d>> {
-    let mut ranges = Ranges::default();
-    for coordinate in model.descendants("Coordinate") {
-        ranges.extend(coordinate.vector("range")?.map(|range| (coordinate.name(), range)));
+/// The elements of a model by kind, wherever its version writes them: in sets, or among its components.
+struct Parts<'d> {
+    /// The model, and the engine that holds the bodies of version 1.
+    holders: Vec<Element<'d>>,
+    bodies: Vec<Element<'d>>,
+    joints: Vec<Element<'d>>,
+    constraints: Vec<Element<'d>>,
+    forces: Vec<Element<'d>>,
+    /// Components of no kind that is known.
+    others: Vec<Element<'d>>,
+}
+
+impl<'d> Parts<'d> {
+    fn of(model: Element<'d>) -> Self {
+        let engine = model.child("DynamicsEngine").and_then(|engine| engine.children().next());
+        let holders: Vec<Element<'d>> = [Some(model), engine].into_iter().flatten().collect();
+        let set = |tags: &[&str]| holders.iter().flat_map(|holder| holder.objects(tags)).collect::<Vec<_>>();
+        let mut parts = Self {
+            bodies: set(&["BodySet"]),
+            joints: set(&["JointSet"]),
+            constraints: set(&["ConstraintSet"]),
+            forces: set(&["ForceSet", "ActuatorSet"]),
+            others: Vec::new(),
+            holders,
+        };
+        let components = model.objects(&["components"]).into_iter().chain(model.objects(&["ComponentSet"]));
+        for component in components {
+            let kind = match component.tag() {
+                "Body" => &mut parts.bodies,
+                tag if tag.ends_with("Joint") => &mut parts.joints,
+                tag if tag.ends_with("Constraint") => &mut parts.constraints,
+                tag if muscles::is_muscle(component) || lost::is_force(tag) => &mut parts.forces,
+                _ => &mut parts.others,
+            };
+            kind.push(component);
+        }
+        parts
     }
-    Ok(ranges)
+
+    fn gravity(&self) -> Result<[f64; 3]> {
+        let holder = self.holders.last().expect("the model");
+        Ok(holder.vector("gravity")?.unwrap_or([0.0, -9.80665, 0.0]))
+    }
+
+    /// Joints with their coordinates, constraints, and the bodies' roles.
+    fn read_joints(
+        &self,
+        reader: &Reader<'d>,
+        bodies: &[Element<'d>],
+        read: &mut SkeletonFile,
+        notes: &mut Notes,
+    ) -> Result<()> {
+        let found = joints_of(&self.joints, bodies);
+        joints::check_kinds(&found)?;
+        for found in found {
+            let joint = joints::joint(reader, &found, notes)?;
+            read.joint.push(joint.entry);
+            read.coordinate.extend(joint.coordinates);
+        }
+        for constraint in self.constraints.iter().copied() {
+            joints::constraint(&reader.frames, constraint, &mut read.coordinate, &mut read.held_point, notes)?;
+        }
+        joints::assign_roles(&mut read.body, &read.joint, &read.coordinate, notes);
+        Ok(())
+    }
 }
 
 fn stem(source: &SourceFile) -> String {
@@ -188,8 +258,8 @@ fn provenance(source: &SourceFile, root: Element<'_>, model: Element<'_>) -> Str
 }
 
 /// Joints of a set (version 4), or each within the body that it moves.
-fn joints_of<'d>(set: Vec<Element<'d>>, bodies: &[Element<'d>]) -> Vec<Found<'d>> {
-    let mut found: Vec<Found<'d>> = set.into_iter().map(|element| Found { element, within: None }).collect();
+fn joints_of<'d>(set: &[Element<'d>], bodies: &[Element<'d>]) -> Vec<Found<'d>> {
+    let mut found: Vec<Found<'d>> = set.iter().map(|&element| Found { element, within: None }).collect();
     for body in bodies {
         let own = body.either(&["Joint", "joint"]).into_iter().flat_map(|joint| joint.children());
         found.extend(own.map(|element| Found { element, within: Some(body.name()) }));
@@ -197,106 +267,11 @@ fn joints_of<'d>(set: Vec<Element<'d>>, bodies: &[Element<'d>]) -> Vec<Found<'d>
     found
 }
 
-fn other_force(force: Element<'_>, notes: &mut Notes) {
-    let tag = force.tag();
-    let lost = if tag.contains("Actuator") || tag.contains("Motor") {
-        "left away: there are no reserve or residual actuators, muscles alone make the motion"
-    } else if tag == "ExternalForce" || tag == "PrescribedForce" {
-        "left away: add a [[force]] with columns in the motion file, or the motion lacks it"
-    } else {
-        "left away: a passive force or a kind of muscle that is not known; the muscles make up for it"
-    };
-    notes.add(&format!("{tag} {}", force.name()), lost);
-}
-
-/// How many elements there are of each tag.
-fn counts<'d>(elements: impl Iterator<Item = Element<'d>>) -> Vec<(&'d str, usize)> {
-    let mut counts: Vec<(&str, usize)> = Vec::new();
-    for element in elements {
-        match counts.iter_mut().find(|(tag, _)| *tag == element.tag()) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((element.tag(), 1)),
-        }
-    }
-    counts
-}
-
-/// What has no counterpart, in one line a kind.
-fn left_away(model: Element<'_>, parts: &[Element<'_>], forces: &[Element<'_>], notes: &mut Notes) {
-    for (set, matters, lost) in [
-        ("ControllerSet", true, "left away: excitations are what a study finds"),
-        ("ContactGeometrySet", true, "left away, with the contact forces that need them"),
-        ("ComponentSet", true, "left away: components of other kinds are not known"),
-        ("ProbeSet", false, "left away: no influence on results"),
-        ("MarkerSet", false, "left away: no influence on results"),
-    ] {
-        for (tag, count) in counts(parts.iter().flat_map(|part| part.objects(&[set]))) {
-            notes.push(Note { what: format!("{count} {tag} of {set}"), lost: lost.to_owned(), matters });
-        }
-    }
-    for (tag, count) in counts(forces.iter().copied().filter(|force| muscles::is_muscle(*force))) {
-        let lost = "curves of force over length, velocity and tendon strain are Sinew's: shape parameters, minimum activation and damping are left away, so that forces at a given state differ";
-        notes.add(&format!("{count} {tag}"), lost);
-    }
-    let ranges = model.descendants("Coordinate").filter(|c| c.flag("clamped", false)).count();
-    if ranges > 0 {
-        notes.add(
-            &format!("ranges of {ranges} clamped coordinate(s)"),
-            "left away: nothing holds a coordinate in its range",
-        );
-    }
-}
-
-/// Mends what OpenSim lets pass and no mechanism can have, with a note each.
-fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
-    for body in &mut file.body {
-        let who = format!("body {}", body.name);
-        if body.role == Role::Given && !body.is_physical() {
-            // It moves as given, whatever its mass.
-            (body.mass, body.inertia) = (0.0, [0.0; 6]);
-        } else if body.mass == 0.0 && body.inertia != [0.0; 6] {
-            notes.add(&who, "it has an inertia and no mass: the inertia is left away");
-            body.inertia = [0.0; 6];
-        } else if body.mass > 0.0 && !body.is_physical() {
-            let [xx, yy, zz, ..] = body.inertia;
-            notes.add(&who, "its inertia makes no positive definite matrix: products of inertia are left away");
-            body.inertia = [xx, yy, zz, 0.0, 0.0, 0.0];
-        }
-    }
-    let known: std::collections::HashSet<&str> = file.surface.iter().map(|surface| surface.name.as_str()).collect();
-    for muscle in &mut file.muscle {
-        let who = format!("muscle {}", muscle.name);
-        let inside: Vec<String> = (file.surface.iter())
-            .filter(|surface| muscle.path.iter().any(|point| surface.holds(point)))
-            .map(|surface| surface.name.clone())
-            .collect();
-        muscle.surfaces.retain(|obstacle| {
-            let name = obstacle.surface();
-            let lost = if !known.contains(name) {
-                format!("it does not wrap {name}, which is not here")
-            } else if inside.iter().any(|inside| inside == name) {
-                format!("a point of its path is inside {name}, which it does not wrap here")
-            } else {
-                return true;
-            };
-            notes.add(&who, lost);
-            false
-        });
-    }
-}
-
-impl ObstacleEntry {
-    fn surface(&self) -> &str {
-        match self {
-            Self::Any(name) | Self::Part { name, .. } | Self::Parts { name, .. } => name,
-        }
-    }
-}
-
 /// The error of a model that was imported, at the element it is about.
 pub fn error(source: &SourceFile, issue: &Issue) -> crate::error::Error {
-    match document::parse(source) {
-        Ok(document) => at(source, Element { node: document.root_element(), file: source }, issue),
+    let repaired = repair::repaired(source);
+    match document::parse(&repaired) {
+        Ok(document) => at(source, Element { node: document.root_element(), file: &repaired }, issue),
         Err(error) => error,
     }
 }
@@ -307,7 +282,7 @@ fn at(source: &SourceFile, root: Element<'_>, issue: &Issue) -> crate::error::Er
     });
     let message = format!("{}: {}", issue.path.join("."), issue.message);
     match about {
-        Some(node) => Element { node, file: source }.error(message, issue.help.as_deref().unwrap_or("")),
+        Some(node) => Element { node, file: root.file }.error(message, issue.help.as_deref().unwrap_or("")),
         None => source.error(None, format!("{}: {message}", source.path.display()), "", issue.help.clone()),
     }
 }

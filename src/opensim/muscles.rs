@@ -31,10 +31,6 @@ const VELOCITY: f64 = 10.0;
 pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) -> Result<MuscleEntry> {
     let name = element.name();
     let number = |tags: &[&str]| reader.number(element, tags);
-    let needed = |tag: &str| -> Result<f64> {
-        let lacks = || element.error(format!("the muscle has no <{tag}>"), "write it, or put it into <defaults>");
-        number(&[tag])?.ok_or_else(lacks)
-    };
     let times = KINDS.iter().find(|(kind, _)| element.tag().starts_with(kind)).map_or([0.0; 2], |(_, times)| *times);
     let mut activation = number(&["activation_time_constant"])?.unwrap_or(times[0]);
     let mut deactivation = number(&["deactivation_time_constant"])?.unwrap_or(times[1]);
@@ -47,27 +43,41 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
     }
     let time = |time: f64| (time > 0.0).then_some(time);
     let flag = |tag: &str| reader.flag(element, tag, false);
-    let tendon_slack_length = needed("tendon_slack_length")?;
+    let mut or_default = |tag: &str, default: f64, unit: &str| -> Result<f64> {
+        let found = number(&[tag])?;
+        if found.is_none() {
+            let lost = format!("its file gives no {tag}: {default} {unit}, OpenSim's default");
+            notes.changed(&format!("muscle {name}"), lost);
+        }
+        Ok(found.unwrap_or(default))
+    };
+    let tendon_slack_length = or_default("tendon_slack_length", 0.2, "m")?;
+    let max_isometric_force = or_default("max_isometric_force", 1000.0, "N")?;
+    let optimal_fibre_length = or_default("optimal_fiber_length", 0.1, "m")?;
+    if tendon_slack_length == 0.0 {
+        let lost = "its tendon slack length is 0: the tendon is rigid, and the fibre as long as the path";
+        notes.changed(&format!("muscle {name}"), lost);
+    }
     let rigid = flag("ignore_tendon_compliance") || element.tag() == "RigidTendonMuscle" || tendon_slack_length == 0.0;
     for (tag, lost) in [
         ("ignore_activation_dynamics", "activation follows excitation with its time constants, not at once"),
         ("ignore_passive_fiber_force", "its fibre has a passive force"),
     ] {
         if flag(tag) {
-            notes.add(&format!("muscle {name}"), format!("{tag} is left away: {lost}"));
+            notes.changed(&format!("muscle {name}"), format!("{tag} is ignored: {lost}"));
         }
     }
     let Some(path) = element
         .either(&["GeometryPath"])
         .or_else(|| Some(element).filter(|e| e.child("PathPointSet").is_some() || e.child("MusclePointSet").is_some()))
     else {
-        return Err(element.error("the muscle has no <GeometryPath>", "a path has an origin and an insertion"));
+        return Err(element.error("the muscle has no <GeometryPath> (paths by functions are not supported)", "a path has an origin and an insertion"));
     };
     let points = path.objects(&["PathPointSet", "MusclePointSet"]);
     Ok(MuscleEntry {
         name: name.to_owned(),
-        max_isometric_force: needed("max_isometric_force")?,
-        optimal_fibre_length: needed("optimal_fiber_length")?,
+        max_isometric_force,
+        optimal_fibre_length,
         tendon_slack_length,
         pennation_angle: number(&["pennation_angle_at_optimal", "pennation_angle"])?.unwrap_or(0.0),
         activation_time: time(activation),
@@ -113,14 +123,14 @@ fn path_point<'d>(reader: &Reader<'d>, element: Element<'d>, muscle: &str, notes
                 match (function, coordinate(socket)) {
                     (Some(by), Some(coordinate)) => components.push(FollowsEntry { coordinate, by }),
                     _ => {
-                        notes.add(&who(), format!("its {tag} is no function of a coordinate that Sinew has: 0 m"));
+                        notes.lost(&who(), format!("its {tag} is by no function that is supported: 0 m"));
                         let by = FunctionEntry::Polynomial(vec![0.0]);
                         components.push(FollowsEntry { coordinate: String::new(), by });
                     }
                 }
             }
             if placed.frame != crate::skeleton::frame::Frame::identity() {
-                notes.add(&who(), "it moves in a frame of its own, and is taken as if in that of its body");
+                notes.lost(&who(), "it moves in a frame of its own, and is taken as if in that of its body");
             }
             moving(&mut entry, components);
         }
@@ -130,7 +140,7 @@ fn path_point<'d>(reader: &Reader<'d>, element: Element<'d>, muscle: &str, notes
                 let range = element.vector::<2>("range")?;
                 match (coordinate("coordinate"), range) {
                     (Some(coordinate), Some(range)) => entry.when = Some(WhenEntry { coordinate, range }),
-                    _ => notes.add(&who(), "it has no coordinate or no range: the path always goes over it"),
+                    _ => notes.changed(&who(), "it has no coordinate or no range: the path always goes over it"),
                 }
             }
         }
@@ -195,14 +205,15 @@ pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) 
     for element in elements {
         let who = format!("wrapping object {}", element.name());
         if !element.flag("active", true) {
-            notes.add(&who, "it is not active in the model, and left away");
+            notes.remark(&who, "left out: it is not active in the model");
             continue;
         }
         let point = element.vector("translation")?.unwrap_or_default();
         let rotation = element.vector("xyz_body_rotation")?.unwrap_or_default();
         let placed = placed.within(point, rotation);
         let (point, rotation) = placed.point_and_rotation();
-        let quadrant = element.text("quadrant").unwrap_or("all");
+        let side = element.text("quadrant").unwrap_or("all").to_lowercase();
+        let side = side.trim_start_matches('+');
         let mut surface = SurfaceEntry {
             name: element.name().to_owned(),
             kind: SurfaceKind::Sphere,
@@ -211,7 +222,8 @@ pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) 
             rotation,
             radius: element.number("radius")?,
             radii: None,
-            side: None,
+            ring_radius: None,
+            side: (!["all", "unassigned", ""].contains(&side)).then(|| side.to_owned()),
             length: None,
         };
         match element.tag() {
@@ -219,24 +231,25 @@ pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) 
             "WrapCylinder" => {
                 surface.kind = SurfaceKind::Cylinder;
                 surface.length = element.number("length")?;
-                if ["x", "-x", "y", "-y"].contains(&quadrant.trim_start_matches('+')) {
-                    surface.side = Some(quadrant.trim_start_matches('+').to_owned());
-                }
             }
             "WrapEllipsoid" => {
                 surface.kind = SurfaceKind::Ellipsoid;
                 (surface.radius, surface.radii) = (None, element.vector("dimensions")?);
             }
+            "WrapTorus" => {
+                surface.kind = SurfaceKind::Torus;
+                (surface.radius, surface.ring_radius) =
+                    (element.number("inner_radius")?, element.number("outer_radius")?);
+            }
             other => {
-                notes.add(&who, format!("a {other} is not known: paths go straight on where it is"));
+                notes.lost(&who, format!("a {other} is not supported: paths go straight on where it is"));
                 continue;
             }
         }
-        if !["all", "", "unassigned"].contains(&quadrant) && surface.side.is_none() {
-            notes.add(
-                &who,
-                format!("its side ({quadrant}) is left away: paths take the shortest way around, on either side"),
-            );
+        if surface.kind == SurfaceKind::Cylinder && ["z", "-z"].contains(&side) {
+            // Nothing along a cylinder's axis is a side of it; OpenSim takes the half beyond its middle.
+            notes.lost(&who, format!("its side ({side}) is ignored: a path takes the shorter way around"));
+            surface.side = None;
         }
         found.push(surface);
     }

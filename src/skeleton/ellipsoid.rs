@@ -19,7 +19,8 @@
 //! ellipsoid is the affine image, or, where that fails, a taut string of nodes. Source: A. Scholz et al., *Multibody Syst. Dyn.* 36, 2016.
 
 use super::frame::{Vector, along, cross, dot, minus, norm, unit};
-use super::surface::{Contact, Spread, around_sphere};
+use super::half_ellipsoid::guide;
+use super::surface::{Contact, Side, Spread, Wrap, around_sphere};
 
 const NODES: usize = 24;
 const SWEEPS: usize = 400;
@@ -44,46 +45,39 @@ const ROUGH: Care = Care { steps: 8, aim: 1e-3, least: 1e-2 };
 /// A rough way further from its start than this share of the smallest radius is not used.
 const ROUGHLY_THERE: f64 = 0.5;
 
-/// See [`super::surface::Shape::contact_near`].
-pub fn around_ellipsoid(radii: &Vector, a: &Vector, b: &Vector, near: Option<&Contact>) -> Option<Contact> {
+/// An end this far inside, as OpenSim counts it (Σ x²/r² − 1), is on the surface.
+const ON_SURFACE: f64 = -1e-4;
+
+/// See [`super::surface::Shape::wrap`].
+pub fn around_ellipsoid(radii: &Vector, side: Option<Side>, a: &Vector, b: &Vector, near: Option<&Contact>) -> Wrap {
     // In units of the mean radius.
     let unit_length = radii.iter().sum::<f64>() / 3.0;
     let scaled = |x: &Vector| x.map(|x| x / unit_length);
     let radii = scaled(radii);
     let ellipsoid = Ellipsoid { radii, weights: radii.map(|r| 2.0 / (r * r)) };
     let (a, b) = (scaled(a), scaled(b));
-    if !ellipsoid.hides(&a, &b) {
-        return None;
+    if ellipsoid.value(&a) < ON_SURFACE || ellipsoid.value(&b) < ON_SURFACE {
+        return Wrap::Inside;
     }
-    let fine = |first, length| ellipsoid.taut(&a, &b, first, length, &FINE);
-    let affine = ellipsoid.affine(&a, &b);
-    // The shortest way is no longer than any: not one that goes around more than once.
-    let is_short = |contact: &Contact| {
-        let found = norm(&minus(&contact.first, &a)) + contact.length + norm(&minus(&b, &contact.last));
-        contact.length > 0.0 && affine.is_none_or(|(_, _, all)| found <= all * (1.0 + 1e-3))
+    if !ellipsoid.hides(&a, &b) {
+        return Wrap::Missed;
+    }
+    let near = near.map(|near| (scaled(&near.first), near.length / unit_length));
+    let found = match side {
+        None => ellipsoid.shortest(&a, &b, near),
+        Some(side) => ellipsoid.shortest_on(side, &a, &b, near),
     };
-    let nearby =
-        |near: &Contact| fine(ellipsoid.onto(&scaled(&near.first)), near.length / unit_length).filter(is_short);
-    let around = || {
-        let (first, length, _) = affine?;
-        let is_near = |contact: &Contact| {
-            let far = norm(&minus(&contact.first, &first)).max((contact.length - length).abs());
-            far < ROUGHLY_THERE * ellipsoid.radii.iter().copied().fold(f64::INFINITY, f64::min)
-        };
-        let rough = ellipsoid.taut(&a, &b, first, length, &ROUGH).filter(is_near);
-        let from_rough = rough.and_then(|rough| fine(rough.first, rough.length)).filter(is_short);
-        from_rough.or_else(|| fine(first, length).filter(is_short))
-    };
-    let string = || {
-        let (first, length) = ellipsoid.string(&a, &b)?;
-        fine(first, length)
-    };
-    let found = near.and_then(nearby).or_else(around).or_else(string)?;
+    let Some(found) = found.filter(|found| found.length > 0.0) else { return Wrap::Missed };
     let back = |x: &Vector| x.map(|x| x * unit_length);
     let Spread { along, turned, bent, kept } = found.spread;
     let spread = Spread { along, turned: turned * unit_length, bent: bent / unit_length, kept };
     let (first, last) = (back(&found.first), back(&found.last));
-    (found.length > 0.0).then_some(Contact { first, last, length: found.length * unit_length, spread })
+    Wrap::Certain(Contact { first, last, length: found.length * unit_length, spread })
+}
+
+/// Length of all of a path.
+fn whole(a: &Vector, b: &Vector, contact: &Contact) -> f64 {
+    norm(&minus(&contact.first, a)) + contact.length + norm(&minus(b, &contact.last))
 }
 
 struct Ellipsoid {
@@ -105,11 +99,75 @@ impl Ellipsoid {
         unit(&self.gradient(x))
     }
 
+    /// The shortest way around. `near`: first contact and length of one nearby.
+    fn shortest(&self, a: &Vector, b: &Vector, near: Option<(Vector, f64)>) -> Option<Contact> {
+        let fine = |first, length| self.taut(a, b, first, length, &FINE);
+        let affine = self.affine(a, b);
+        // The shortest way is no longer than any: not one that goes around more than once.
+        let is_short = |contact: &Contact| {
+            contact.length > 0.0 && affine.is_none_or(|(_, _, all)| whole(a, b, contact) <= all * (1.0 + 1e-3))
+        };
+        let nearby = |(first, length)| fine(self.onto(&first), length).filter(is_short);
+        let around = || {
+            let (first, length, _) = affine?;
+            let is_near = |contact: &Contact| {
+                let far = norm(&minus(&contact.first, &first)).max((contact.length - length).abs());
+                far < ROUGHLY_THERE * self.radii.iter().copied().fold(f64::INFINITY, f64::min)
+            };
+            let rough = self.taut(a, b, first, length, &ROUGH).filter(is_near);
+            let from_rough = rough.and_then(|rough| fine(rough.first, rough.length)).filter(is_short);
+            from_rough.or_else(|| fine(first, length).filter(is_short))
+        };
+        let string = || {
+            let (first, length) = self.string(a, b)?;
+            fine(first, length)
+        };
+        near.and_then(nearby).or_else(around).or_else(string)
+    }
+
+    /// The geodesic nearest to the way that OpenSim takes around one half, see [`half_ellipsoid`](super::half_ellipsoid).
+    fn shortest_on(&self, side: Side, a: &Vector, b: &Vector, near: Option<(Vector, f64)>) -> Option<Contact> {
+        let (first, length) = self.section(a, b, &guide(&self.radii, side, a, b)?)?;
+        let is_near = |contact: &Contact| {
+            let all = norm(&minus(&first, a)) + length;
+            contact.length > 0.0 && (whole(a, b, contact) - all).abs() < all
+        };
+        let fine = |first, length| self.taut(a, b, first, length, &FINE).filter(is_near);
+        let nearby = |(first, length)| fine(self.onto(&first), length);
+        near.and_then(nearby).or_else(|| fine(first, length)).or_else(|| self.shortest(a, b, None))
+    }
+
+    /// First contact and length of the way in the plane through both ends and a point of the surface, on the side of that point.
+    fn section(&self, a: &Vector, b: &Vector, through: &Vector) -> Option<(Vector, f64)> {
+        // In the affine image that is a sphere, planes and tangents stay what they are.
+        let over = |x: &Vector| [0, 1, 2].map(|i| x[i] / self.radii[i]);
+        let [a, b, through] = [a, b, through].map(over);
+        let way = unit(&minus(&b, &a));
+        let up = minus(&through, &a);
+        let up = unit(&along(&up, -dot(&up, &way), &way));
+        let normal = cross(&way, &up);
+        let centre = normal.map(|n| n * dot(&normal, &a));
+        let radius = (1.0 - dot(&centre, &centre)).max(0.0).sqrt();
+        let polar = |x: &Vector| {
+            let x = minus(x, &centre);
+            (dot(&x, &up).atan2(dot(&x, &way)), norm(&x))
+        };
+        let ((angle_a, far_a), (angle_b, far_b)) = (polar(&a), polar(&b));
+        let (beta_a, beta_b) = ((radius / far_a).min(1.0).acos(), (radius / far_b).min(1.0).acos());
+        // Over the top of the circle, clockwise from a to b.
+        let (from, to) = (angle_a - beta_a, angle_b + beta_b);
+        let arc = (from - to).rem_euclid(std::f64::consts::TAU);
+        let at = |k: usize| {
+            let (sin, cos) = (from - arc * k as f64 / NODES as f64).sin_cos();
+            let x = along(&along(&centre, radius * cos, &way), radius * sin, &up);
+            [0, 1, 2].map(|i| x[i] * self.radii[i])
+        };
+        let length: f64 = (0..NODES).map(|k| norm(&minus(&at(k + 1), &at(k)))).sum();
+        (radius > 0.0 && length.is_finite()).then_some((at(0), length))
+    }
+
     /// Whether the straight line from a to b, both outside, goes through.
     fn hides(&self, a: &Vector, b: &Vector) -> bool {
-        if self.value(a) <= 0.0 || self.value(b) <= 0.0 {
-            return false;
-        }
         let over = |x: &Vector| [0, 1, 2].map(|i| x[i] / self.radii[i]);
         let (start, way) = (over(a), over(&minus(b, a)));
         let nearest = (-dot(&start, &way) / dot(&way, &way)).clamp(0.0, 1.0);
@@ -149,7 +207,7 @@ impl Ellipsoid {
     fn affine(&self, a: &Vector, b: &Vector) -> Option<(Vector, f64, f64)> {
         let over = |x: &Vector| [0, 1, 2].map(|i| x[i] / self.radii[i]);
         let back = |x: &Vector| [0, 1, 2].map(|i| x[i] * self.radii[i]);
-        let contact = around_sphere(1.0, &over(a), &over(b))?;
+        let contact = around_sphere(1.0, None, &over(a), &over(b)).contact()?;
         let (sin, cos) = contact.length.sin_cos();
         let across = along(&contact.last, -cos, &contact.first).map(|x| x / sin.max(1e-12));
         let at = |k: usize| {

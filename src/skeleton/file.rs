@@ -200,6 +200,7 @@ pub enum SurfaceKind {
     Sphere,
     Cylinder,
     Ellipsoid,
+    Torus,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -212,9 +213,13 @@ pub struct SurfaceEntry {
     pub point: [f64; 3],
     #[serde(default)]
     pub rotation: [f64; 3],
+    /// Of a sphere, a cylinder, and the tube of a torus, m.
     pub radius: Option<f64>,
+    /// Of an ellipsoid, m.
     pub radii: Option<[f64; 3]>,
-    /// Of a cylinder: `x`, `-x`, `y` or `-y`, where paths must pass.
+    /// Of the ring in the middle of a torus' tube, m; it lies in the plane z = 0.
+    pub ring_radius: Option<f64>,
+    /// The half of the surface that paths take: `x`, `-x`, `y`, `-y`, and but for a cylinder `z` or `-z`; either if left out.
     pub side: Option<String>,
     /// Of a cylinder, m; without ends if left out. A path's length jumps where it slips off an end.
     pub length: Option<f64>,
@@ -269,7 +274,7 @@ pub struct MuscleEntry {
     pub max_shortening_velocity: Option<f64>,
     pub rigid_tendon: Option<bool>,
     pub path: Vec<PointEntry>,
-    /// In the order in which the path meets them.
+    /// In the order in which they are put on the path, as in OpenSim; see `skeleton/wrapping.rs`.
     #[serde(default)]
     pub surfaces: Vec<ObstacleEntry>,
 }
@@ -352,7 +357,6 @@ impl SkeletonFile {
         let curve = self.curves.check()?;
         let muscle = |muscle: &MuscleEntry| muscle.check(&names, &self.muscles, curve);
         skeleton.muscles = self.muscle.iter().map(muscle).collect::<Checked<Vec<_>>>()?;
-        skeleton.check_paths()?;
         skeleton.check_roles()?;
         Ok(skeleton)
     }
@@ -624,11 +628,11 @@ impl SurfaceEntry {
         let missing =
             |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("it has no `{key}`"), help);
         let radius = || {
-            let radius = self.radius.ok_or_else(|| missing("radius", "a sphere and a cylinder have a radius (m)"))?;
+            let radius = self.radius.ok_or_else(|| missing("radius", "a sphere, a cylinder and the tube of a torus have a radius (m)"))?;
             positive(&place("radius"), radius, "m").map(|()| radius)
         };
         let shape = match self.kind {
-            SurfaceKind::Sphere => Shape::Sphere { radius: radius()? },
+            SurfaceKind::Sphere => Shape::Sphere { radius: radius()?, side: self.side()? },
             SurfaceKind::Cylinder => {
                 let length = self.length.unwrap_or(f64::INFINITY);
                 if length.is_nan() || length <= 0.0 {
@@ -644,7 +648,12 @@ impl SurfaceEntry {
             SurfaceKind::Ellipsoid => {
                 let radii = self.radii.ok_or_else(|| missing("radii", "an ellipsoid has three radii (m)"))?;
                 radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m"))?;
-                Shape::Ellipsoid { radii }
+                Shape::Ellipsoid { radii, side: self.side()? }
+            }
+            SurfaceKind::Torus => {
+                let ring = self.ring_radius.ok_or_else(|| missing("ring_radius", "a torus has one (m)"))?;
+                positive(&place("ring_radius"), ring, "m")?;
+                Shape::Torus { ring, tube: radius()?, side: self.side()? }
             }
         };
         finite(&place("point"), &self.point)?;
@@ -657,14 +666,6 @@ impl SurfaceEntry {
         })
     }
 
-    /// Whether a point of a path, fixed to the same body, is inside.
-    pub fn holds(&self, point: &PointEntry) -> bool {
-        let names = Names { bodies: vec![&self.body], coordinates: Vec::new(), surfaces: Vec::new() };
-        let fixed = point.moves.is_none() && point.x.is_none() && point.y.is_none() && point.z.is_none();
-        let inside = |surface: Surface| surface.shape.holds(&surface.frame.inverse().point(&point.point));
-        point.body == self.body && fixed && self.check(&names).is_ok_and(inside)
-    }
-
     fn side(&self) -> Checked<Option<Side>> {
         let Some(side) = &self.side else { return Ok(None) };
         let (sign, axis) = match side.strip_prefix('-') {
@@ -674,10 +675,11 @@ impl SurfaceEntry {
         match axis {
             "x" => Ok(Some(Side { axis: 0, sign })),
             "y" => Ok(Some(Side { axis: 1, sign })),
+            "z" if self.kind != SurfaceKind::Cylinder => Ok(Some(Side { axis: 2, sign })),
             _ => Err(Issue::new(
                 &["surface", &self.name, "side"],
                 format!("found \"{side}\""),
-                "it is one of: x, -x, y, -y",
+                "it is one of: x, -x, y, -y, and but for a cylinder z and -z",
             )),
         }
     }

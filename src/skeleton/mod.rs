@@ -8,9 +8,12 @@ pub mod ellipsoid;
 pub mod file;
 pub mod frame;
 pub mod function;
+mod half_ellipsoid;
 pub mod path;
 pub mod surface;
 pub mod text;
+mod torus;
+pub mod wrapping;
 
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;

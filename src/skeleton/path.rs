@@ -7,22 +7,23 @@
 //! ∂L/∂q = Σ over straight parts  û·(∂b/∂q − ∂a/∂q),   contacts moving with their surface's body
 //! ```
 
-use std::cell::RefCell;
-use std::hash::{DefaultHasher, Hash, Hasher};
-
 use num_dual::Dual64;
 
-use super::Skeleton;
+use super::{Muscle, Skeleton};
 use super::frame::{Frame, Vector, minus, norm, unit};
 use super::function::Function;
-use super::surface::{Contact, Shape};
+use super::surface::Shape;
+use super::wrapping::{Placed, touches};
 use crate::numerics::Scalar;
+
+/// Step of differences of lengths, rad or m.
+const DIFFERENCE: f64 = 1e-5;
 
 /// A muscle's way: points, and surfaces that may come between any two of them.
 #[derive(Clone, Debug)]
 pub struct MusclePath {
     pub points: Vec<PathPoint>,
-    /// In the order in which the path meets them.
+    /// In the order in which they are put on the path, see [`super::wrapping`].
     pub surfaces: Vec<Obstacle>,
 }
 
@@ -36,9 +37,12 @@ pub struct Obstacle {
 }
 
 impl Obstacle {
-    /// Whether it is in the way between these two points of the path.
-    pub fn meets(&self, from: usize, to: usize) -> bool {
-        self.parts.is_none_or(|[first, last]| first <= from && to <= last + 1)
+    /// First and last of the segments between the points `met` that it may be on, all for `Some(None)`; `None` if there is none.
+    fn segments(&self, met: &[usize]) -> Option<Option<[usize; 2]>> {
+        let Some([first, last]) = self.parts else { return Some(None) };
+        let from = met.iter().position(|&point| point >= first)?;
+        let to = met.iter().rposition(|&point| point <= last + 1)?;
+        (from < to).then_some(Some([from, to - 1]))
     }
 }
 
@@ -98,127 +102,57 @@ enum Corner<'p> {
     Contact(usize, Vector),
 }
 
-/// Paths kept to be asked for again: functions, Jacobian and Hessian of a problem all want those of the same instant.
-const KEPT: usize = 1 << 13;
-
-/// All that the contacts depend on, to the last bit, and the contacts.
-type Kept = (Vec<u64>, Vec<Option<Contact>>);
-
-thread_local! {
-    static WAYS: RefCell<Vec<Option<Kept>>> = RefCell::new(vec![None; KEPT]);
-}
-
 /// A path in one pose.
 pub struct Routed<'p> {
     /// m
     pub length: f64,
     /// Indices of the surfaces that it touches.
     pub touched: Vec<usize>,
+    /// Whether it touches a torus, which is no fixed surface: the slope is then that of differences.
+    pub through_torus: bool,
     /// Ends of each straight part.
     straight: Vec<(Corner<'p>, Corner<'p>)>,
 }
 
-/// Rounds of looking at each surface again until contacts stand still.
-const ROUNDS: usize = 500;
-const STILL: f64 = 1e-14;
-
 impl MusclePath {
     /// The way the path takes with the bodies where `frames` says.
     pub fn route<'p>(&'p self, skeleton: &Skeleton, q: &[f64], frames: &[Frame<f64>]) -> Routed<'p> {
-        let mut routed = Routed { length: 0.0, touched: Vec::new(), straight: Vec::new() };
-        let at = |point: &PathPoint| frames[point.body].point(&point.local(q));
         let met: Vec<usize> = (0..self.points.len()).filter(|&i| self.points[i].is_met(q)).collect();
-        for pair in met.windows(2) {
-            let ends = [&self.points[pair[0]], &self.points[pair[1]]];
-            let (a, b) = (at(ends[0]), at(ends[1]));
-            let met = self.surfaces.iter().filter(|obstacle| obstacle.meets(pair[0], pair[1]));
-            let surfaces: Vec<usize> = met.map(|obstacle| obstacle.surface).collect();
-            let places: Vec<(Frame<f64>, &Shape)> = (surfaces.iter().map(|&s| &skeleton.surfaces[s]))
-                .map(|surface| (frames[surface.body] * surface.frame, &surface.shape))
-                .collect();
-            let contacts = contacts(&places, &a, &b, &[]);
-            let (mut from, mut place) = (Corner::Point(ends[0]), a);
-            for (&surface, contact) in surfaces.iter().zip(&contacts) {
-                let Some(contact) = contact else { continue };
+        let place = |&i: &usize| frames[self.points[i].body].point(&self.points[i].local(q));
+        let places: Vec<Vector> = met.iter().map(place).collect();
+        let mut routed = Routed { length: 0.0, touched: Vec::new(), straight: Vec::new(), through_torus: false };
+        if met.len() < 2 {
+            return routed;
+        }
+        let known: Vec<(usize, Placed<'_>)> = (self.surfaces.iter())
+            .filter_map(|obstacle| {
+                let segments = obstacle.segments(&met)?;
+                let surface = &skeleton.surfaces[obstacle.surface];
+                let frame = frames[surface.body] * surface.frame;
+                Some((obstacle.surface, Placed { frame, shape: &surface.shape, segments }))
+            })
+            .collect();
+        let (surfaces, placed): (Vec<usize>, Vec<Placed<'_>>) = known.into_iter().unzip();
+        let touches = touches(&places, &placed, &[]);
+        let mut touches = touches.iter().peekable();
+        for (segment, pair) in met.windows(2).enumerate() {
+            let (mut from, mut place) = (Corner::Point(&self.points[pair[0]]), places[segment]);
+            while let Some(touch) = touches.next_if(|touch| touch.segment == segment) {
+                let surface = surfaces[touch.surface];
                 let body = skeleton.surfaces[surface].body;
                 let corner = |x: &Vector| Corner::Contact(body, frames[body].inverse().point(x));
+                let contact = &touch.contact;
                 routed.length += norm(&minus(&contact.first, &place)) + contact.length;
                 routed.straight.push((from, corner(&contact.first)));
                 routed.touched.push(surface);
+                routed.through_torus |= matches!(skeleton.surfaces[surface].shape, Shape::Torus { .. });
                 (from, place) = (corner(&contact.last), contact.last);
             }
-            routed.length += norm(&minus(&b, &place));
-            routed.straight.push((from, Corner::Point(ends[1])));
+            routed.length += norm(&minus(&places[segment + 1], &place));
+            routed.straight.push((from, Corner::Point(&self.points[pair[1]])));
         }
         routed
     }
-}
-
-/// Contacts with all surfaces between two points, in the ground's frame, from where each surface is. `near`: the contacts of a
-/// path nearby, one a surface, or nothing.
-pub fn contacts(
-    places: &[(Frame<f64>, &Shape)],
-    a: &Vector,
-    b: &Vector,
-    near: &[Option<Contact>],
-) -> Vec<Option<Contact>> {
-    // A path found from one nearby is not asked for again, and differs by rounding from one found afresh: it is not kept.
-    if !near.is_empty() {
-        return settle(places, a, b, near.to_vec());
-    }
-    let of_places = places
-        .iter()
-        .flat_map(|(frame, shape)| frame.axes.into_iter().flatten().chain(frame.origin).chain(shape.sizes()));
-    let key: Vec<u64> = of_places.chain(*a).chain(*b).map(f64::to_bits).collect();
-    let mut hasher = DefaultHasher::new();
-    key.hash(&mut hasher);
-    let slot = hasher.finish() as usize % KEPT;
-    WAYS.with_borrow_mut(|ways| match &ways[slot] {
-        Some((kept, contacts)) if *kept == key => contacts.clone(),
-        _ => {
-            let contacts = settle(places, a, b, vec![None; places.len()]);
-            ways[slot] = Some((key, contacts.clone()));
-            contacts
-        }
-    })
-}
-
-/// Each contact between those it lies between, again and again until nothing moves.
-fn settle(
-    places: &[(Frame<f64>, &Shape)],
-    a: &Vector,
-    b: &Vector,
-    mut contacts: Vec<Option<Contact>>,
-) -> Vec<Option<Contact>> {
-    for _ in 0..ROUNDS {
-        let mut moved = 0.0f64;
-        for (k, (place, shape)) in places.iter().enumerate() {
-            let before = contacts[..k].iter().rev().flatten().next().map_or(*a, |contact| contact.last);
-            let after = contacts[k + 1..].iter().flatten().next().map_or(*b, |contact| contact.first);
-            let inside = place.inverse();
-            let seen_from = |frame: &Frame<f64>, contact: Contact| Contact {
-                first: frame.point(&contact.first),
-                last: frame.point(&contact.last),
-                ..contact
-            };
-            let near = contacts[k].map(|contact| seen_from(&inside, contact));
-            let found = shape.contact_near(&inside.point(&before), &inside.point(&after), near.as_ref());
-            let found = found.map(|contact| seen_from(place, contact));
-            let apart = |old: &Contact, new: &Contact| {
-                norm(&minus(&old.first, &new.first)).max(norm(&minus(&old.last, &new.last)))
-            };
-            moved = moved.max(match (&contacts[k], &found) {
-                (Some(old), Some(new)) => apart(old, new),
-                (None, None) => 0.0,
-                _ => 1.0,
-            });
-            contacts[k] = found;
-        }
-        if moved <= STILL || places.len() == 1 {
-            break;
-        }
-    }
-    contacts
 }
 
 impl Routed<'_> {
@@ -254,10 +188,26 @@ impl Skeleton {
                 self.follow(&mut seeded);
             }
             let frames = self.frames(&seeded);
-            for (routed, (_, arms)) in routed.iter().zip(&mut found) {
-                arms.push(-routed.slope(&seeded, &frames));
+            for ((routed, muscle), (_, arms)) in routed.iter().zip(&self.muscles).zip(&mut found) {
+                arms.push(match routed.through_torus {
+                    false => -routed.slope(&seeded, &frames),
+                    true => -self.slope_by_differences(muscle, q, k),
+                });
             }
         }
         found
+    }
+
+    /// ∂L/∂q of one coordinate, those that follow it going with it.
+    fn slope_by_differences(&self, muscle: &Muscle, q: &[f64], k: usize) -> f64 {
+        let length = |step: f64| {
+            let mut q = q.to_vec();
+            q[k] += step;
+            if self.coordinates[k].follows.is_none() {
+                self.follow(&mut q);
+            }
+            muscle.path.route(self, &q, &self.frames(&q)).length
+        };
+        (length(DIFFERENCE) - length(-DIFFERENCE)) / (2.0 * DIFFERENCE)
     }
 }

@@ -1,7 +1,18 @@
 //! Wrapping surfaces: the shortest way around one, between two points outside it.
+//!
+//! When and on which side a path wraps are OpenSim's rules (`WrapCylinder`, `WrapSphere`, `WrapEllipsoid`, `WrapTorus`, version 4.6):
+//!
+//! | surface | the path wraps | around |
+//! |---|---|---|
+//! | without a side | where the straight line runs through it | the shorter way |
+//! | cylinder with a side | where the line runs through it; where it passes on the other side of the axis, unless both ends are on the side; where neither end is on the side | the way that leaves the first point to the side, see [`positive_way`] |
+//! | sphere with a side | where the line runs through it | the way whose middle lies on the side, if an end does not |
+//! | ellipsoid with a side | where the line runs through it | the shortest geodesic whose middle lies on the side |
+//! | torus | as a cylinder at the point of the ring nearest to the line, its side the middle of the ring | |
 
 use super::ellipsoid::around_ellipsoid;
 use super::frame::{Frame, Vector, along, cross, dot, minus, norm, unit};
+use super::torus::around_torus;
 
 /// A surface fixed to a body.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,6 +30,7 @@ pub struct Surface {
 pub enum Shape {
     Sphere {
         radius: f64,
+        side: Option<Side>,
     },
     /// About the z-axis, the origin in its middle. A path that would come to it and leave it beyond its ends passes straight on, as in OpenSim:
     /// where that begins, the length jumps. Without ends (`length` infinite) it does not.
@@ -29,15 +41,52 @@ pub enum Shape {
     },
     Ellipsoid {
         radii: Vector,
+        side: Option<Side>,
+    },
+    /// Its ring lies in the plane z = 0, the origin in its middle; paths go through the ring.
+    Torus {
+        ring: f64,
+        tube: f64,
+        side: Option<Side>,
     },
 }
 
-/// A path passes the axis of a cylinder on this side only, touching or not.
+/// The half of a surface that a path takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
-    /// 0: x, 1: y
+    /// 0: x, 1: y, 2: z
     pub axis: usize,
+    /// 1 or −1
     pub sign: f64,
+}
+
+impl Side {
+    /// Whether a point of the surface's frame is on it.
+    pub fn holds(&self, x: &Vector) -> bool {
+        (x[self.axis] >= 0.0) == (self.sign > 0.0)
+    }
+}
+
+/// What a surface is to a straight line between two points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wrap {
+    /// It is not in the way.
+    Missed,
+    /// An end is inside: there is no way around.
+    Inside,
+    /// The path wraps it, if not another segment of the path does with less detour.
+    Possible(Contact),
+    /// The path must wrap it here.
+    Certain(Contact),
+}
+
+impl Wrap {
+    pub fn contact(self) -> Option<Contact> {
+        match self {
+            Wrap::Possible(contact) | Wrap::Certain(contact) => Some(contact),
+            Wrap::Missed | Wrap::Inside => None,
+        }
+    }
 }
 
 /// Where a path lies on a surface: it comes in at `first`, leaves at `last`, `length` of it between them.
@@ -47,6 +96,13 @@ pub struct Contact {
     pub last: Vector,
     pub length: f64,
     pub spread: Spread,
+}
+
+impl Contact {
+    /// The same contact in the frame that `frame` is in.
+    pub fn seen_from(self, frame: &Frame<f64>) -> Self {
+        Contact { first: frame.point(&self.first), last: frame.point(&self.last), ..self }
+    }
 }
 
 /// How neighbouring geodesics spread along one: a distance y and slope y′ across its beginning become `along y + turned y′` and
@@ -63,24 +119,14 @@ pub struct Spread {
 const SHORT: f64 = 1e-9;
 
 impl Shape {
-    /// Whether a point of the surface's frame is inside.
-    pub fn holds(&self, x: &Vector) -> bool {
-        match self {
-            Shape::Sphere { radius } => norm(x) < *radius,
-            Shape::Cylinder { radius, .. } => x[0].hypot(x[1]) < *radius,
-            Shape::Ellipsoid { radii } => norm(&[0, 1, 2].map(|i| x[i] / radii[i])) < 1.0,
-        }
-    }
-
     /// All that tells one shape from another.
-    pub fn sizes(&self) -> [f64; 4] {
+    pub fn sizes(&self) -> [f64; 5] {
+        let of = |side: &Option<Side>| side.map_or(0.0, |side| side.sign * (1.0 + side.axis as f64));
         match self {
-            Shape::Sphere { radius } => [1.0, *radius, 0.0, 0.0],
-            Shape::Cylinder { radius, side, length } => {
-                let side = side.map_or(0.0, |side| side.sign * (1.0 + side.axis as f64));
-                [2.0, *radius, *length, side]
-            }
-            Shape::Ellipsoid { radii: [x, y, z] } => [3.0, *x, *y, *z],
+            Shape::Sphere { radius, side } => [1.0, *radius, 0.0, 0.0, of(side)],
+            Shape::Cylinder { radius, side, length } => [2.0, *radius, *length, 0.0, of(side)],
+            Shape::Ellipsoid { radii: [x, y, z], side } => [3.0 + of(side) / 8.0, *x, *y, *z, 0.0],
+            Shape::Torus { ring, tube, side } => [5.0, *ring, *tube, 0.0, of(side)],
         }
     }
 
@@ -89,7 +135,11 @@ impl Shape {
         match self {
             Shape::Sphere { .. } => unit(x),
             Shape::Cylinder { .. } => unit(&[x[0], x[1], 0.0]),
-            Shape::Ellipsoid { radii } => unit(&[0, 1, 2].map(|i| x[i] / (radii[i] * radii[i]))),
+            Shape::Torus { ring, .. } => {
+                let to_ring = ring / x[0].hypot(x[1]);
+                unit(&[x[0] * (1.0 - to_ring), x[1] * (1.0 - to_ring), x[2]])
+            }
+            Shape::Ellipsoid { radii, .. } => unit(&[0, 1, 2].map(|i| x[i] / (radii[i] * radii[i]))),
         }
     }
 
@@ -123,86 +173,127 @@ impl Shape {
         ([-ta[0], -ta[1], -ta[2], tb[0], tb[1], tb[2]], hessian)
     }
 
-    /// The contact of the shortest path from `a` to `b`, points of the surface's frame; `None` if it does not touch. A point
-    /// within the surface has no path around it: none either.
-    pub fn contact(&self, a: &Vector, b: &Vector) -> Option<Contact> {
-        self.contact_near(a, b, None)
-    }
-
-    /// [`Shape::contact`], sooner found from that of a path nearby.
-    pub fn contact_near(&self, a: &Vector, b: &Vector, near: Option<&Contact>) -> Option<Contact> {
+    /// What the surface is to the line from `a` to `b`, points of its frame. `near`: the contact of a path nearby, from which this one is
+    /// sooner found.
+    pub fn wrap(&self, a: &Vector, b: &Vector, near: Option<&Contact>) -> Wrap {
         match self {
-            Shape::Sphere { radius } => around_sphere(*radius, a, b),
+            Shape::Sphere { radius, side } => around_sphere(*radius, *side, a, b),
             Shape::Cylinder { radius, side, length } => {
                 let beyond = |x: &Vector| x[2].abs() > 0.5 * length;
-                let contact = around_cylinder(*radius, *side, a, b);
-                contact.filter(|contact| !(beyond(&contact.first) && beyond(&contact.last)))
+                let wrap = around_cylinder(*radius, *side, a, b);
+                match wrap.contact() {
+                    Some(contact) if beyond(&contact.first) && beyond(&contact.last) => Wrap::Missed,
+                    _ => wrap,
+                }
             }
-            Shape::Ellipsoid { radii } => around_ellipsoid(radii, a, b, near),
+            Shape::Ellipsoid { radii, side } => around_ellipsoid(radii, *side, a, b, near),
+            Shape::Torus { ring, tube, side } => around_torus(*ring, *tube, *side, a, b),
         }
+    }
+
+    /// The contact of the path from `a` to `b`, points of the surface's frame; `None` if it does not touch.
+    pub fn contact(&self, a: &Vector, b: &Vector) -> Option<Contact> {
+        self.wrap(a, b, None).contact()
     }
 }
 
-/// In the plane of both points and the centre: with A the angle between them and cos β = r/d at each, the path touches
-/// where A > β_a + β_b.
-pub fn around_sphere(radius: f64, a: &Vector, b: &Vector) -> Option<Contact> {
+/// In the plane of both points and the centre: with A the angle between them and cos β = r/d at each, the line runs through
+/// where A > β_a + β_b. With a side and an end that is not on it, the path takes the way around that goes to that side of the line.
+pub fn around_sphere(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> Wrap {
+    use std::f64::consts::TAU;
     let (da, db) = (norm(a), norm(b));
-    if da <= radius || db <= radius {
-        return None;
+    if da < radius || db < radius {
+        return Wrap::Inside;
     }
     let along_a = unit(a);
     let across = unit(&minus(b, &along_a.map(|x| x * dot(b, &along_a))));
     let angle = dot(b, &across).atan2(dot(b, &along_a));
     let (beta_a, beta_b) = ((radius / da).acos(), (radius / db).acos());
-    let arc = angle - beta_a - beta_b;
-    if arc <= 0.0 {
-        return None;
+    if angle - beta_a - beta_b <= 0.0 {
+        return Wrap::Missed;
     }
-    let at = |angle: f64| along(&along_a.map(|x| x * radius * angle.cos()), radius * angle.sin(), &across);
-    let (sin, cos) = arc.sin_cos();
-    let spread = Spread { along: cos, turned: radius * sin, bent: -sin / radius, kept: cos };
-    Some(Contact { first: at(beta_a), last: at(beta_a + arc), length: radius * arc, spread })
+    let way = |across: Vector, arc: f64| {
+        let at = |angle: f64| along(&along_a.map(|x| x * radius * angle.cos()), radius * angle.sin(), &across);
+        let (sin, cos) = arc.sin_cos();
+        let spread = Spread { along: cos, turned: radius * sin, bent: -sin / radius, kept: cos };
+        Contact { first: at(beta_a), last: at(beta_a + arc), length: radius * arc, spread }
+    };
+    let short = way(across, angle - beta_a - beta_b);
+    let Some(side) = side else { return Wrap::Possible(short) };
+    let ends_on_side = [a, b].map(|x| side.holds(x));
+    let long = way(across.map(|x| -x), TAU - angle - beta_a - beta_b);
+    // The way from the ends to the contacts.
+    let out = (long.first[side.axis] - a[side.axis]) + (long.last[side.axis] - b[side.axis]);
+    let contact = if ends_on_side != [true; 2] && out * side.sign >= 0.0 { long } else { short };
+    if ends_on_side == [false; 2] { Wrap::Possible(contact) } else { Wrap::Certain(contact) }
 }
 
 /// In the developed surface the path is straight: across the axis as around a circle, along it in proportion.
-fn around_cylinder(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> Option<Contact> {
+fn around_cylinder(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> Wrap {
     use std::f64::consts::{PI, TAU};
     let (da, db) = (a[0].hypot(a[1]), b[0].hypot(b[1]));
-    if da <= radius || db <= radius {
-        return None;
+    if da < radius || db < radius {
+        return Wrap::Inside;
     }
+    // Where the line, endless, comes nearest to the axis.
+    let way = [b[0] - a[0], b[1] - a[1]];
+    let share = -(a[0] * way[0] + a[1] * way[1]) / (way[0] * way[0] + way[1] * way[1]);
+    let nearest = [a[0] + share * way[0], a[1] + share * way[1], 0.0];
+    let runs_through = nearest[0].hypot(nearest[1]) < radius && 0.0 < share && share < 1.0;
+    let is_certain = match side {
+        None if runs_through => true,
+        None => return Wrap::Missed,
+        Some(side) => match [a, b].map(|x| side.holds(x)) {
+            [false, false] => false,
+            _ if runs_through => true,
+            [true, true] => return Wrap::Missed,
+            _ if side.holds(&nearest) => return Wrap::Missed,
+            _ => false,
+        },
+    };
     let (theta_a, theta_b) = (a[1].atan2(a[0]), b[1].atan2(b[0]));
+    let (beta_a, beta_b) = ((radius / da).acos(), (radius / db).acos());
     let counter = (theta_b - theta_a).rem_euclid(TAU);
-    // Which way round: the shorter one, or the one that passes the given side.
     let positive = match side {
         None => counter <= PI,
-        Some(side) => {
-            let wanted = match (side.axis, side.sign > 0.0) {
-                (0, true) => 0.0,
-                (0, false) => PI,
-                (_, true) => PI / 2.0,
-                (_, false) => -PI / 2.0,
-            };
-            (wanted - theta_a).rem_euclid(TAU) <= counter
-        }
+        Some(side) => positive_way(side, [theta_a, theta_b], [beta_a, beta_b]),
     };
     let (sign, angle) = if positive { (1.0, counter) } else { (-1.0, TAU - counter) };
-    let (beta_a, beta_b) = ((radius / da).acos(), (radius / db).acos());
-    let arc = angle - beta_a - beta_b;
-    if arc <= 0.0 {
-        return None;
-    }
+    // Where the straight way passes on the other side, a path that must pass on this one goes around in a loop.
+    let arc = (angle - beta_a - beta_b).rem_euclid(TAU);
     let (free_a, free_b) = ((da * da - radius * radius).sqrt(), (db * db - radius * radius).sqrt());
     let across = free_a + radius * arc + free_b;
     let slope = (b[2] - a[2]) / across;
     let at = |angle: f64, z: f64| [radius * angle.cos(), radius * angle.sin(), z];
     let length = radius * arc * slope.hypot(1.0);
-    Some(Contact {
+    let contact = Contact {
         first: at(theta_a + sign * beta_a, a[2] + slope * free_a),
         last: at(theta_b - sign * beta_b, b[2] - slope * free_b),
         length,
         spread: Spread { along: 1.0, turned: length, bent: 0.0, kept: 1.0 },
-    })
+    };
+    if is_certain { Wrap::Certain(contact) } else { Wrap::Possible(contact) }
+}
+
+/// Whether a path goes around a cylinder with a side in the mathematically positive sense: from ends at angles θ to contacts at θ_a + β_a and
+/// θ_b − β_b, instead of θ_a − β_a and θ_b + β_b. Of the two contacts of the first end that on the side decides; where both or none is, those of the
+/// second end; where none of the four is, the longer way.
+fn positive_way(side: Side, theta: [f64; 2], beta: [f64; 2]) -> bool {
+    use std::f64::consts::{PI, TAU};
+    let on_side = |angle: f64| side.holds(&[angle.cos(), angle.sin(), 0.0]);
+    let positive = [theta[0] + beta[0], theta[1] - beta[1]];
+    let negative = [theta[0] - beta[0], theta[1] + beta[1]];
+    match (on_side(positive[0]), on_side(negative[0])) {
+        (true, true) => !on_side(negative[1]),
+        (true, false) => true,
+        (false, true) => false,
+        (false, false) if on_side(negative[1]) => false,
+        (false, false) if on_side(positive[1]) => true,
+        (false, false) => {
+            let between = |[from, to]: [f64; 2]| PI - ((to - from).rem_euclid(TAU) - PI).abs();
+            between(positive) > between(negative)
+        }
+    }
 }
 
 /// An orthonormal pair across `normal`.
@@ -228,11 +319,11 @@ mod tests {
     fn lengths_have_their_first_and_second_derivatives() {
         let side = Some(Side { axis: 1, sign: -1.0 });
         let shapes = [
-            Shape::Sphere { radius: 0.03 },
+            Shape::Sphere { radius: 0.03, side: None },
             Shape::Cylinder { radius: 0.02, side: None, length: f64::INFINITY },
             Shape::Cylinder { radius: 0.02, side, length: 10.0 },
-            Shape::Ellipsoid { radii: [0.076, 0.174, 0.075] },
-            Shape::Ellipsoid { radii: [0.035, 0.021, 0.031] },
+            Shape::Ellipsoid { radii: [0.076, 0.174, 0.075], side: None },
+            Shape::Ellipsoid { radii: [0.035, 0.021, 0.031], side: None },
         ];
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(21);
         for shape in &shapes {
@@ -241,7 +332,7 @@ mod tests {
                 let mut random = || [0; 3].map(|_| rng.random_range(-0.2..0.2));
                 let x: [Vector; 2] = [random(), random()];
                 let e = 1e-6;
-                let far = |x: &Vector| !shape.holds(x) && !shape.holds(&x.map(|x| 0.9 * x));
+                let far = |x: &Vector| [1.0, 0.9].iter().all(|f| shape.wrap(&x.map(|x| f * x), &[1.0; 3], None) != Wrap::Inside);
                 let Some((_, contact)) = length(shape, &x[0], &x[1]) else { continue };
                 // Not where the way changes sides, nor where contact comes and goes.
                 if !far(&x[0]) || !far(&x[1]) || contact.length < 1e-3 || contact.spread.kept < -0.3 {

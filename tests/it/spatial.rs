@@ -31,10 +31,10 @@ fn pairs(count: usize) -> Vec<(Vector, Vector)> {
 
 #[test]
 fn an_ellipsoid_of_equal_radii_is_a_sphere_and_a_long_one_a_cylinder() {
-    let (sphere, ball) = (Shape::Sphere { radius: 1.0 }, Shape::Ellipsoid { radii: [1.0; 3] });
+    let (sphere, ball) = (Shape::Sphere { radius: 1.0, side: None }, Shape::Ellipsoid { radii: [1.0; 3], side: None });
     let (cylinder, long) = (
         Shape::Cylinder { radius: 1.0, side: None, length: f64::INFINITY },
-        Shape::Ellipsoid { radii: [1.0, 1.0, 400.0] },
+        Shape::Ellipsoid { radii: [1.0, 1.0, 400.0], side: None },
     );
     let mut touched = 0;
     for (a, b) in pairs(300) {
@@ -53,7 +53,7 @@ fn an_ellipsoid_of_equal_radii_is_a_sphere_and_a_long_one_a_cylinder() {
 #[test]
 fn ways_around_an_ellipsoid_leave_it_along_its_tangents_and_are_shortest_nearby() {
     let radii = [0.7, 1.6, 0.9];
-    let shape = Shape::Ellipsoid { radii };
+    let shape = Shape::Ellipsoid { radii, side: None };
     let onto = |x: &Vector| {
         let size = norm(&[0, 1, 2].map(|i| x[i] / radii[i]));
         x.map(|x| x / size)

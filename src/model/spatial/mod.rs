@@ -313,7 +313,19 @@ impl Spatial {
         values
     }
 
-    /// A muscle's path; without slots where it moves no free body.
+    /// Whether a muscle acts on a free body.
+    pub fn is_moved_by(&self, muscle: &skeleton::Muscle) -> bool {
+        let is_free = |body: usize| self.places[body].0 < self.bodies.len();
+        let movers = muscle.path.points.iter().flat_map(|point| &point.moves).filter_map(|moved| {
+            let moves = |joint: &&skeleton::Joint| joint.motion.coordinates().contains(&moved.coordinate);
+            self.skeleton.joints.iter().find(moves).map(|joint| joint.child)
+        });
+        let points = muscle.path.points.iter().map(|point| point.body);
+        let surfaces = muscle.path.surfaces.iter().map(|obstacle| self.skeleton.surfaces[obstacle.surface].body);
+        points.chain(surfaces).chain(movers).any(is_free)
+    }
+
+    /// The path of a muscle that acts on a free body.
     pub fn path(&self, muscle: &skeleton::Muscle) -> SpatialPath {
         let place = |body: usize, x: &Vector| {
             let (index, frame) = self.places[body];

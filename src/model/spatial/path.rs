@@ -22,13 +22,15 @@ use super::jet::{Jet, dot};
 use super::joint::{PER_BODY, Place};
 use crate::model::path::PathLength;
 use crate::skeleton::frame::{Frame, Vector, along, minus, norm, unit};
-use crate::skeleton::path::contacts;
 use crate::skeleton::surface::{Contact, Shape, tangents};
+use crate::skeleton::wrapping::{Placed, Touch, touches};
 
 /// Size of the step along a direction in which third derivatives are taken by differences.
 const STEP: f64 = 2e-6;
 /// E_0: how much longer a contact makes a path at the end of its softening, m.
 const SOFT_EXCESS: f64 = 2e-7;
+/// Most slots of a path, two for each joint of two pieces among them; [`Spatial::check_paths`](super::Spatial::check_paths) sees to it.
+pub const SLOTS: usize = 192;
 /// The second-order estimate of what a contact adds is looked at more closely below this times E_0.
 const LIGHT: f64 = 4.0;
 
@@ -70,12 +72,6 @@ pub struct Obstacle {
     pub parts: Option<[usize; 2]>,
 }
 
-impl Obstacle {
-    fn is_in_the_way_of(&self, part: usize) -> bool {
-        self.parts.is_none_or(|[first, last]| (first..=last).contains(&part))
-    }
-}
-
 /// A piece of the path in one pose.
 struct Piece {
     /// Number of a point, or of a joint of two pieces.
@@ -91,11 +87,14 @@ enum End {
     Joint(usize, Vector, Vector),
 }
 
-/// Surfaces that a part of a path touches, in its order, and where.
-type Touches = Vec<(usize, Contact)>;
+fn surfaces(touched: &[Touch]) -> Vec<usize> {
+    touched.iter().map(|touch| touch.surface).collect()
+}
 
-fn surfaces(touched: &[Touches]) -> Vec<usize> {
-    touched.iter().flatten().map(|(surface, _)| *surface).collect()
+/// Of what a path touches, that on one of its parts.
+fn of_part(touched: &[Touch], part: usize) -> &[Touch] {
+    let from = touched.partition_point(|touch| touch.segment < part);
+    &touched[from..touched.partition_point(|touch| touch.segment <= part)]
 }
 
 /// Frame of a body in the ground's; the ground itself for `None`.
@@ -175,33 +174,36 @@ impl SpatialPath {
         frame_of(q, self.points[point].place.body).point(&self.local(point, q))
     }
 
-    /// The surfaces that a part of the path touches, without one of those that it may; in the ground's frame.
-    fn touched(&self, q: &[f64], part: usize, without: Option<usize>, near: &[(usize, Contact)]) -> Touches {
-        let met: Vec<usize> = (0..self.surfaces.len())
-            .filter(|&s| self.surfaces[s].is_in_the_way_of(part) && Some(s) != without)
-            .collect();
-        if met.is_empty() {
+    /// The surfaces that the path touches, without one of those that it may; in the ground's frame.
+    fn touched(&self, q: &[f64], without: Option<usize>, near: &[Touch]) -> Vec<Touch> {
+        let known: Vec<usize> = (0..self.surfaces.len()).filter(|&s| Some(s) != without).collect();
+        if known.is_empty() {
             return Vec::new();
         }
-        let places: Vec<(Frame<f64>, &Shape)> = (met.iter().map(|&s| &self.surfaces[s]))
-            .map(|surface| (frame_of(q, surface.body) * surface.frame, &surface.shape))
+        let placed: Vec<Placed<'_>> = (known.iter().map(|&s| &self.surfaces[s]))
+            .map(|surface| Placed {
+                frame: frame_of(q, surface.body) * surface.frame,
+                shape: &surface.shape,
+                segments: surface.parts,
+            })
             .collect();
-        let of = |s: usize| near.iter().find(|(surface, _)| *surface == s).map(|(_, contact)| *contact);
-        let near: Vec<Option<Contact>> =
-            if near.is_empty() { Vec::new() } else { met.iter().map(|&s| of(s)).collect() };
-        let found = contacts(&places, &self.position(part, q), &self.position(part + 1, q), &near);
-        met.iter().zip(found).filter_map(|(&s, contact)| Some((s, contact?))).collect()
+        let number = |surface: usize| known.iter().position(|&s| s == surface);
+        let near: Vec<Touch> =
+            near.iter().filter_map(|touch| Some(Touch { surface: number(touch.surface)?, ..*touch })).collect();
+        let points: Vec<Vector> = (0..self.points.len()).map(|point| self.position(point, q)).collect();
+        let found = touches(&points, &placed, &near);
+        found.into_iter().map(|touch| Touch { surface: known[touch.surface], ..touch }).collect()
     }
 
     /// The pieces of a part of the path around the surfaces that it touches.
-    fn pieces(part: usize, touched: &[(usize, Contact)]) -> Vec<Piece> {
+    fn pieces(part: usize, touched: &[Touch]) -> Vec<Piece> {
         let (mut begin, last) = (End::Point(part), End::Point(part + 1));
         if touched.is_empty() {
             return vec![Piece { from: begin, to: last, touches: None }];
         }
-        let piece = |(k, &(surface, contact)): (usize, &(usize, Contact))| {
-            let to = touched.get(k + 1).map_or(last, |(_, next)| {
-                let way = minus(&next.first, &contact.last);
+        let piece = |(k, &Touch { surface, contact, .. }): (usize, &Touch)| {
+            let to = touched.get(k + 1).map_or(last, |next| {
+                let way = minus(&next.contact.first, &contact.last);
                 End::Joint(k, along(&contact.last, 0.5, &way), unit(&way))
             });
             Piece { from: std::mem::replace(&mut begin, to), to, touches: Some((surface, contact)) }
@@ -219,46 +221,44 @@ impl SpatialPath {
         surfaces(&self.length_near(q, second, &[], out))
     }
 
-    /// [`SpatialPath::length`], sooner found from what the parts of the path touch in a pose nearby.
-    fn length_near(&self, q: &[f64], second: bool, near: &[Touches], out: &mut PathLength<f64>) -> Vec<Touches> {
+    /// [`SpatialPath::length`], sooner found from what the path touches in a pose nearby.
+    fn length_near(&self, q: &[f64], second: bool, near: &[Touch], out: &mut PathLength<f64>) -> Vec<Touch> {
         out.value = 0.0;
         out.gradient.fill(0.0);
         out.hessian.fill(0.0);
-        let mut all = Vec::new();
+        let all = self.touched(q, None, near);
         for part in 0..self.points.len() - 1 {
-            let near = near.get(part).map_or(&[][..], |near| near);
-            let touched = self.touched(q, part, None, near);
-            let light = (touched.iter().map(|(surface, _)| *surface).zip(self.lightness(q, part, &touched)))
+            let touched = of_part(&all, part);
+            let light = (touched.iter().map(|touch| touch.surface).zip(self.lightness(q, part, touched)))
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .filter(|(_, excess)| *excess < LIGHT * SOFT_EXCESS);
             match light {
-                None => self.add(q, &Self::pieces(part, &touched), second, out),
+                None => self.add(q, &Self::pieces(part, touched), second, out),
                 Some((surface, _)) => {
                     let n = self.slots.len();
                     let buffer = || PathLength { value: 0.0, gradient: vec![0.0; n], hessian: vec![0.0; n * n] };
                     let (mut with, mut without) = (buffer(), buffer());
-                    self.add(q, &Self::pieces(part, &touched), second, &mut with);
-                    let others = self.touched(q, part, Some(surface), near);
-                    self.add(q, &Self::pieces(part, &others), second, &mut without);
+                    self.add(q, &Self::pieces(part, touched), second, &mut with);
+                    let others = self.touched(q, Some(surface), near);
+                    self.add(q, &Self::pieces(part, of_part(&others, part)), second, &mut without);
                     add_softened(&with, &without, out);
                 }
             }
-            all.push(touched);
         }
         all
     }
 
     /// About how much longer each contact makes a part of the path: to second order φ² d_a d_b/(2 (d_a + d_b)), with φ the angle that it
     /// turns the path by and d the ways from the contact before and to the one after.
-    fn lightness(&self, q: &[f64], part: usize, touched: &[(usize, Contact)]) -> Vec<f64> {
+    fn lightness(&self, q: &[f64], part: usize, touched: &[Touch]) -> Vec<f64> {
         if touched.is_empty() {
             return Vec::new();
         }
         let ends = [part, part + 1].map(|point| self.position(point, q));
         let one = |k: usize| {
-            let contact = &touched[k].1;
-            let before = k.checked_sub(1).map_or(ends[0], |k| touched[k].1.last);
-            let after = touched.get(k + 1).map_or(ends[1], |(_, next)| next.first);
+            let contact = &touched[k].contact;
+            let before = k.checked_sub(1).map_or(ends[0], |k| touched[k].contact.last);
+            let after = touched.get(k + 1).map_or(ends[1], |next| next.contact.first);
             let (arriving, leaving) = (minus(&contact.first, &before), minus(&after, &contact.last));
             let (da, db) = (norm(&arriving) + contact.length, norm(&leaving) + contact.length);
             let turned = norm(&minus(&unit(&leaving), &unit(&arriving)));
@@ -277,7 +277,9 @@ impl SpatialPath {
             ..8 => self.bend::<8>(q, pieces, joints, out),
             8..=16 => self.bend::<16>(q, pieces, joints, out),
             17..=24 => self.bend::<24>(q, pieces, joints, out),
-            _ => self.bend::<48>(q, pieces, joints, out),
+            25..=48 => self.bend::<48>(q, pieces, joints, out),
+            49..=96 => self.bend::<96>(q, pieces, joints, out),
+            _ => self.bend::<SLOTS>(q, pieces, joints, out),
         }
     }
 
@@ -331,7 +333,7 @@ impl SpatialPath {
         for (point, way) in moved {
             let PathPoint { place, moves: Some((by, slope)) } = &self.points[point] else { continue };
             let along_slope = crate::skeleton::frame::dot(&way, &turned(q, place.body, *slope));
-            let angle: [f64; 24] = self.angle_slopes(by, q);
+            let angle: [f64; SLOTS] = self.angle_slopes(by, q);
             (0..self.slots.len()).for_each(|i| out.gradient[i] += along_slope * angle[i]);
         }
     }

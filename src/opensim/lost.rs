@@ -1,0 +1,73 @@
+//! What a model has and Sinew does not, by name or in one line a kind, with what that means.
+
+use super::document::Element;
+use super::{Notes, Parts, Weight, muscles};
+
+/// Kinds of force that stand among a model's components, beside muscles.
+pub fn is_force(tag: &str) -> bool {
+    ["Force", "Actuator", "Motor", "Ligament", "Muscle"].iter().any(|ending| tag.ends_with(ending))
+        || tag.starts_with("Blankevoort")
+}
+
+/// A force that is not a muscle.
+pub fn force(force: Element<'_>, notes: &mut Notes) {
+    let tag = force.tag();
+    let has = |parts: &[&str]| parts.iter().any(|part| tag.contains(part));
+    let lost = if has(&["HuntCrossley", "ElasticFoundation", "HalfSpace", "Contact", "Meyer"]) {
+        "left out: there are no contact forces; the force of the ground must come with the motion, as a [[force]]"
+    } else if has(&["Actuator", "Motor"]) {
+        "left out: there are no reserve or residual actuators, the muscles alone make the motion"
+    } else if tag == "ExternalForce" || tag == "PrescribedForce" {
+        "left out: add a [[force]] with columns in the motion file, or the motion lacks it"
+    } else if tag.contains("Muscle") {
+        "left out: this kind of muscle is not supported; the other muscles make up for it"
+    } else {
+        "left out: this passive force is not supported; the muscles make up for it"
+    };
+    notes.lost(&format!("{tag} {}", force.name()), lost);
+}
+
+/// How many elements there are of each tag.
+fn counts<'d>(elements: impl Iterator<Item = Element<'d>>) -> Vec<(&'d str, usize)> {
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    for element in elements {
+        match counts.iter_mut().find(|(tag, _)| *tag == element.tag()) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((element.tag(), 1)),
+        }
+    }
+    counts
+}
+
+/// What else has no counterpart, in one line a kind.
+pub fn others(model: Element<'_>, parts: &Parts<'_>, notes: &mut Notes) {
+    for (set, weight, lost) in [
+        ("ControllerSet", Weight::Remark, "left out: excitations are what a study finds"),
+        ("ContactGeometrySet", Weight::Remark, "left out: without contact forces they do nothing"),
+        ("ProbeSet", Weight::Remark, "left out: no influence on results"),
+        ("MarkerSet", Weight::Remark, "left out: no influence on results"),
+    ] {
+        for (tag, count) in counts(parts.holders.iter().flat_map(|holder| holder.objects(&[set]))) {
+            notes.add(&format!("{count} {tag} of {set}"), lost, weight);
+        }
+    }
+    for (tag, count) in counts(parts.others.iter().copied()) {
+        let weight = if ["Marker", "Probe", "Frame", "Reporter"].iter().any(|kind| tag.contains(kind)) {
+            Weight::Remark
+        } else {
+            Weight::Lost
+        };
+        notes.add(&format!("{count} {tag} among the components"), "left out: this kind is not supported", weight);
+    }
+    for (tag, count) in counts(parts.forces.iter().copied().filter(|force| muscles::is_muscle(*force))) {
+        let lost = "curves of force over length, velocity and tendon strain are Sinew's: shape parameters, minimum activation and damping are ignored, so that forces at a given state differ";
+        notes.changed(&format!("{count} {tag}"), lost);
+    }
+    let ranges = model.descendants("Coordinate").filter(|c| c.flag("clamped", false)).count();
+    if ranges > 0 {
+        notes.remark(
+            &format!("ranges of {ranges} clamped coordinate(s)"),
+            "ignored: nothing holds a coordinate in its range",
+        );
+    }
+}

@@ -1,0 +1,93 @@
+//! What OpenSim lets pass and Sinew's models cannot have, mended with a note each.
+
+use std::collections::HashSet;
+
+use super::Notes;
+use crate::skeleton::Role;
+use crate::skeleton::file::{BodyEntry, ObstacleEntry, PointEntry, SkeletonFile};
+
+/// Mass of a massless body that moves by forces, kg, and the radius of gyration of one whose inertia is none, m.
+const SMALL_MASS: f64 = 0.01;
+const SMALL_RADIUS: f64 = 0.01;
+
+pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
+    file.body.iter_mut().for_each(|body| mend_body(body, notes));
+    distinguish("joint", file.joint.iter_mut().map(|joint| &mut joint.name), notes);
+    distinguish("constraint", file.held_point.iter_mut().map(|held| &mut held.name), notes);
+    distinguish("muscle", file.muscle.iter_mut().map(|muscle| &mut muscle.name), notes);
+    distinguish("wrapping object", file.surface.iter_mut().map(|surface| &mut surface.name), notes);
+    let known: HashSet<&str> = file.surface.iter().map(|surface| surface.name.as_str()).collect();
+    for muscle in &mut file.muscle {
+        let who = format!("muscle {}", muscle.name);
+        muscle.surfaces.retain(|obstacle| {
+            let name = obstacle.surface();
+            if !known.contains(name) {
+                notes.lost(&who, format!("it does not wrap {name}, which is not here"));
+            }
+            known.contains(name)
+        });
+        let before = muscle.path.len();
+        let is_fixed = |p: &PointEntry| p.when.is_none() && p.moves.is_none() && p.x.is_none() && p.y.is_none() && p.z.is_none();
+        // With parts given by number, the numbers must go on to mean the same.
+        if muscle.surfaces.iter().all(|obstacle| matches!(obstacle, ObstacleEntry::Any(_))) && before > 2 {
+            muscle.path.dedup_by(|next, point| {
+                is_fixed(next) && is_fixed(point) && next.body == point.body && next.point == point.point
+            });
+        }
+        if muscle.path.len() < before {
+            notes.remark(&who, format!("{} point(s) of its path repeat the one before: left out", before - muscle.path.len()));
+        }
+    }
+}
+
+/// Gives the second and later ones of a name a number.
+fn distinguish<'f>(kind: &str, names: impl Iterator<Item = &'f mut String>, notes: &mut Notes) {
+    let mut seen = HashSet::new();
+    for name in names {
+        if seen.insert(name.clone()) {
+            continue;
+        }
+        let own = (2..).map(|k| format!("{name}_{k}")).find(|own| !seen.contains(own)).expect("numbers do not end");
+        notes.remark(&format!("{kind} {name}"), format!("the name is there twice: one is `{own}` here"));
+        seen.insert(own.clone());
+        *name = own;
+    }
+}
+
+fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
+    let who = format!("body {}", body.name);
+    if body.role == Role::Given {
+        // It moves as given, whatever its mass.
+        if !body.is_physical() {
+            (body.mass, body.inertia) = (0.0, [0.0; 6]);
+        }
+        return;
+    }
+    if body.mass == 0.0 {
+        body.mass = SMALL_MASS;
+        let had = if body.inertia == [0.0; 6] { "no mass" } else { "an inertia and no mass" };
+        notes.changed(&who, format!("it has {had}: {SMALL_MASS} kg are taken, since it moves by forces"));
+    }
+    if body.mass > 0.0 && !body.is_physical() {
+        let [xx, yy, zz, ..] = body.inertia;
+        let small = body.mass * SMALL_RADIUS * SMALL_RADIUS;
+        let own = [xx, yy, zz].map(|x| if x > 0.0 { x } else { small });
+        let none = (0..3).filter(|&i| own[i] != body.inertia[i]).map(|i| ["x", "y", "z"][i]).collect::<Vec<_>>();
+        if none.is_empty() {
+            notes.changed(&who, "its inertia makes no positive definite matrix: products of inertia are ignored");
+        } else {
+            let about = none.join(" and ");
+            let lost = format!("its inertia about {about} is none: {small:.2e} kg m² is taken, which acts only where it turns that way");
+            notes.changed(&who, lost);
+        }
+        body.inertia = [own[0], own[1], own[2], 0.0, 0.0, 0.0];
+    }
+}
+
+impl ObstacleEntry {
+    pub fn surface(&self) -> &str {
+        match self {
+            Self::Any(name) | Self::Part { name, .. } | Self::Parts { name, .. } => name,
+        }
+    }
+}
