@@ -33,9 +33,27 @@ pub struct InputError {
     pub label: String,
     #[help]
     pub help: Option<String>,
+    /// Other mistakes in the same file.
+    #[related]
+    pub others: Vec<InputError>,
 }
 
 impl Error {
+    /// Several mistakes as one error; there is at least one.
+    pub fn all(errors: impl IntoIterator<Item = Error>) -> Self {
+        let mut errors = errors.into_iter();
+        let mut first = errors.next().expect("an error");
+        if let Error::Input(first) = &mut first {
+            for error in errors {
+                if let Error::Input(mut other) = error {
+                    first.others.extend(std::mem::take(&mut other.others));
+                    first.others.push(*other);
+                }
+            }
+        }
+        first
+    }
+
     pub fn io(action: &'static str, path: &Path, cause: std::io::Error) -> Self {
         Error::Io { action, path: path.to_owned(), cause }
     }
@@ -153,6 +171,7 @@ impl SourceFile {
             span: span.map(|s| (s.start, s.end.saturating_sub(s.start)).into()),
             label: label.into(),
             help,
+            others: Vec::new(),
         }))
     }
 
@@ -164,6 +183,28 @@ impl SourceFile {
         };
         let end = self.text[start..].find('\n').map_or(self.text.len(), |n| start + n);
         Some(start..end)
+    }
+
+    /// Reads the file as TOML of a type.
+    ///
+    /// # Errors
+    /// All keys that are not known, and the first mistake of another kind.
+    pub fn toml<T: serde::de::DeserializeOwned>(&self) -> Result<T> {
+        let mut errors = Vec::new();
+        let mut text = self.text.clone();
+        loop {
+            let error = match toml::from_str(&text) {
+                Ok(read) if errors.is_empty() => return Ok(read),
+                Ok(_) => break,
+                Err(error) => error,
+            };
+            errors.push(self.toml_error(&error));
+            // A line `key = value` whose key is not known is taken out, to see what else is wrong.
+            let unknown = error.span().filter(|_| error.message().starts_with("unknown field"));
+            let Some(line) = unknown.and_then(|span| line_of_key(&text, &span)) else { break };
+            text.replace_range(line.clone(), &" ".repeat(line.len()));
+        }
+        Err(Error::all(errors))
     }
 
     /// An error of the TOML reader, with a suggestion where a word was misspelt.
@@ -219,6 +260,15 @@ impl SourceFile {
     }
 }
 
+/// The line that begins with a key, without its end, if its value ends on it.
+fn line_of_key(text: &str, key: &std::ops::Range<usize>) -> Option<std::ops::Range<usize>> {
+    let start = text[..key.start].rfind('\n').map_or(0, |n| n + 1);
+    let end = text[key.end..].find('\n').map_or(text.len(), |n| key.end + n);
+    let line = &text[start..end];
+    let is_whole = text[start..key.start].trim().is_empty() && toml::from_str::<toml::Table>(line).is_ok();
+    is_whole.then_some(start..end)
+}
+
 /// Something wrong with a value, by its path in a TOML file (`["muscle", "triceps", "optimal_fibre_length"]`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Issue {
@@ -232,8 +282,44 @@ impl Issue {
         Self { path: path.iter().map(|s| (*s).to_owned()).collect(), message: message.into(), help: Some(help.into()) }
     }
 
+    /// All of several mistakes in a file.
+    pub fn all_in_file(issues: &[Issue], file: &SourceFile) -> Error {
+        Error::all(issues.iter().map(|issue| issue.in_file(file)))
+    }
+
     pub fn in_file(&self, file: &SourceFile) -> Error {
         let key = self.path.join(".");
         file.error(file.toml_span(&self.path), format!("{key}: {}", self.message), "here", self.help.clone())
     }
+}
+
+/// Mistakes that are gathered to be told all at once.
+#[derive(Default)]
+pub struct Mistakes(Vec<Issue>);
+
+impl Mistakes {
+    /// What was checked, if it is right.
+    pub fn take<T>(&mut self, checked: std::result::Result<T, Issue>) -> Option<T> {
+        checked.map_err(|issue| self.0.push(issue)).ok()
+    }
+
+    /// Those that are right.
+    pub fn all<T>(&mut self, checked: impl Iterator<Item = std::result::Result<T, Issue>>) -> Vec<T> {
+        checked.filter_map(|one| self.take(one)).collect()
+    }
+
+    pub fn push(&mut self, issue: Issue) {
+        self.0.push(issue);
+    }
+
+    /// # Errors
+    /// If there are mistakes so far.
+    pub fn none(&mut self) -> std::result::Result<(), Vec<Issue>> {
+        if self.0.is_empty() { Ok(()) } else { Err(std::mem::take(&mut self.0)) }
+    }
+}
+
+/// The first of several mistakes.
+pub fn first(mut issues: Vec<Issue>) -> Issue {
+    issues.swap_remove(0)
 }

@@ -20,7 +20,10 @@
 //! numerics/       splines, sparse matrices, ranks: knows no biomechanics
 //! warm.rs         a solved problem as the start of another
 //! solution.rs     a solved problem → loads, errors, functions of time
+//! mesh_error.rs   how far effort and loads are off for the mesh
+//! plausibility.rs warnings on what converged and should not be believed as it is
 //! uniqueness.rs   how far an answer that is not unique may move; sensitivities
+//! analysis.rs     the runs of a job → its rows
 //! solve.rs        one job → outcome, the pipeline on one screen. No disk, no printing.
 //! outcome.rs      the rows that a job leaves
 //! run/            jobs in parallel, kept as they finish; shards, retries, manifest; why a job would run
@@ -42,16 +45,19 @@
 /// Version of the solver that results carry, see `build.rs`.
 pub const SOLVER: &str = env!("SINEW_SOLVER");
 
+pub mod analysis;
 pub mod cli;
 pub mod compare;
 pub mod error;
 pub mod guess;
+pub mod mesh_error;
 pub mod model;
 pub mod motion;
 pub mod nlp;
 pub mod numerics;
 pub mod opensim;
 pub mod outcome;
+pub mod plausibility;
 pub mod report;
 pub mod run;
 pub mod skeleton;

@@ -78,12 +78,19 @@ pub struct JobRow {
     pub status: Status,
     /// The reason, where the status is not `converged`.
     pub error: Option<String>,
-    /// A remark on a converged job: a large tracking error, an activation above 1.
+    /// Codes of warnings, separated by commas; see [`crate::plausibility`].
+    pub warnings: Option<String>,
+    /// What the warnings found, and how the job came about.
     pub remark: Option<String>,
+    /// Of the best start, a second try counted.
     pub iterations: Option<i64>,
+    /// Of KKT matrices, all starts and the analysis together.
+    pub factorisations: Option<i64>,
     pub objective: Option<f64>,
     /// ∫Σa² dt, s
     pub effort: Option<f64>,
+    /// How much too large the effort is for the mesh, an estimate, s
+    pub effort_mesh_error: Option<f64>,
     pub tracking_rms_m: Option<f64>,
     pub tracking_rms_deg: Option<f64>,
     pub n_starts: Option<i64>,
@@ -122,10 +129,13 @@ impl JobRow {
         Self {
             status,
             error: Some(error),
+            warnings: None,
             remark: None,
             iterations: None,
+            factorisations: None,
             objective: None,
             effort: None,
+            effort_mesh_error: None,
             tracking_rms_m: None,
             tracking_rms_deg: None,
             n_starts: None,
@@ -169,10 +179,12 @@ pub struct RegularityRow {
     pub ambiguous: bool,
     /// Whether the predicted deficiencies are met, or met by some cut within that band.
     pub prediction_agrees: Option<bool>,
-    /// Both deficiencies are zero: multipliers and step of the quadratic sub-problem are unique.
-    pub unique: bool,
-    /// No direction that changes neither constraints nor residuals moves a muscle's force at a collocation point.
-    pub loads_unique: bool,
+    /// A has full row rank: the multipliers are unique. This and what follows only of a converged job.
+    pub multipliers_unique: Option<bool>,
+    /// [Aᵀ Jᵀ] has full rank: no direction changes neither constraints nor residuals.
+    pub answer_unique: Option<bool>,
+    /// No such direction moves a muscle's force at a collocation point.
+    pub loads_unique: Option<bool>,
     /// What the directions are made of that change neither constraints nor residuals.
     pub null_space: Option<String>,
 }
@@ -215,10 +227,19 @@ pub struct MuscleRow {
     pub mean_activation_low: Option<f64>,
     pub mean_activation_high: Option<f64>,
     pub peak_activation: f64,
+    pub peak_excitation: f64,
+    /// Share of the time at an activation of 1.
+    pub saturated_share: f64,
     pub mean_force_n: f64,
+    /// How much too large the mean force is for the mesh, an estimate.
+    pub mean_force_mesh_error_n: Option<f64>,
     pub peak_force_n: f64,
     pub min_force_n: f64,
     pub impulse_n_s: f64,
+    pub peak_passive_force_n: f64,
+    /// Optimal fibre lengths.
+    pub min_fibre_length: f64,
+    pub max_fibre_length: f64,
     /// |a| ≤ 1e-8 at every collocation point.
     pub idle: bool,
     /// max |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity, optimal fibre lengths a second.

@@ -13,9 +13,8 @@ use crate::transcription::scheme::Discretisation;
 
 /// Points at either end where reactions and accelerations of the midpoint scheme ring.
 const END_POINTS: usize = 4;
-/// A tracking error above these is remarked on.
-const LARGE_ERROR_M: f64 = 0.05;
-const LARGE_ERROR_DEG: f64 = 10.0;
+/// An activation nearer to 1 than this is at its upper bound.
+const SATURATED: f64 = 1e-6;
 
 /// A solved problem.
 pub struct Solution<'s> {
@@ -82,7 +81,6 @@ impl Solution<'_> {
             max_activation: Some(max_activation),
             max_constraint_velocity: Some(self.max_constraint_velocity()),
             mid_interval_error: Some(self.mid_interval_error()),
-            remark: remark(rms_m, rms_deg, max_activation),
             ..JobRow::failed(Status::Invalid, String::new())
         }
     }
@@ -185,6 +183,15 @@ impl Solution<'_> {
             .collect()
     }
 
+    /// How the effort ∫Σa² dt (s) changes along a direction.
+    pub fn effort_slope(&self, direction: &[f64]) -> f64 {
+        let product = |t: f64, m: usize| {
+            let combination = self.scheme.activation_at(t, m);
+            evaluate(&combination, &self.iterate.x) * evaluate(&combination, direction)
+        };
+        (0..self.model().muscles.len()).map(|m| 2.0 * self.integrate(|t| product(t, m))).sum()
+    }
+
     /// How the mean force (N) of each muscle changes along a direction.
     pub fn mean_force_slopes(&self, direction: &[f64]) -> Vec<f64> {
         let instant = &self.problem.instant;
@@ -211,7 +218,7 @@ impl Solution<'_> {
             self.scheme.quadrature().into_iter().zip(points).filter(|(_, p)| p.complete).map(|(w, _)| w).collect();
         let instant = &self.problem.instant;
         let duration = self.duration();
-        let idle = crate::solve::idle(self.problem, &self.iterate.x);
+        let idle = crate::analysis::idle(self.problem, &self.iterate.x);
         self.model()
             .muscles
             .iter()
@@ -223,17 +230,26 @@ impl Solution<'_> {
                 let velocities: Vec<f64> = complete.iter().map(|z| z[at + VELOCITY]).collect();
                 let impulse: f64 = weights.iter().zip(&forces).map(|(w, f)| w * f).sum();
                 let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let of = |points: &[Vec<f64>], kind: usize| points.iter().map(|z| z[at + kind]).collect::<Vec<f64>>();
+                let lengths = of(&locals, LENGTH);
+                let at_one = weights.iter().zip(&complete).filter(|(_, z)| z[at + ACTIVATION] > 1.0 - SATURATED);
                 let (ringing, direction_changes) = ringing(&velocities);
                 MuscleRow {
                     muscle: muscle.name.clone(),
                     mean_activation_low: None,
                     mean_activation_high: None,
                     mean_activation: self.integrate(|t| self.activation(t, m)) / duration,
-                    peak_activation: largest(&locals.iter().map(|z| z[at + ACTIVATION]).collect::<Vec<_>>()),
+                    peak_activation: largest(&of(&locals, ACTIVATION)),
+                    peak_excitation: largest(&of(&complete, EXCITATION)),
+                    saturated_share: at_one.map(|(weight, _)| weight).sum::<f64>() / duration,
                     mean_force_n: impulse / duration,
+                    mean_force_mesh_error_n: None,
                     peak_force_n: largest(&forces),
                     min_force_n: forces.iter().copied().fold(f64::INFINITY, f64::min),
                     impulse_n_s: impulse,
+                    peak_passive_force_n: lengths.iter().map(|&l| muscle.passive_force(l)).fold(0.0, f64::max),
+                    min_fibre_length: lengths.iter().copied().fold(f64::INFINITY, f64::min),
+                    max_fibre_length: largest(&lengths),
                     idle: idle[m],
                     ringing,
                     direction_changes,
@@ -326,19 +342,6 @@ fn ringing(velocities: &[f64]) -> (f64, f64) {
     let amplitude = velocities.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).abs() / 4.0).fold(0.0, f64::max);
     let turns = inner.filter(|w| (w[2] - w[1]) * (w[1] - w[0]) < 0.0).count();
     (amplitude, turns as f64 / count)
-}
-
-/// A solver that converged has not failed, but a user should know when the muscles cannot do the motion.
-fn remark(rms_m: f64, rms_deg: f64, max_activation: f64) -> Option<String> {
-    let mut remarks = Vec::new();
-    if rms_m > LARGE_ERROR_M || rms_deg > LARGE_ERROR_DEG {
-        remarks.push(format!("the motion is missed by {rms_m:.3} m and {rms_deg:.1}° (RMS)"));
-    }
-    if max_activation > 1.0 + 1e-6 {
-        remarks.push(format!("an activation of {max_activation:.2} exceeds 1"));
-    }
-    let weak = "the muscles may be too weak for this motion";
-    (!remarks.is_empty()).then(|| format!("{}: {weak}", remarks.join(", ")))
 }
 
 /// Whether moving along `direction` changes the force of any muscle at any collocation point.

@@ -9,28 +9,20 @@ use rand::{RngExt, SeedableRng};
 use crate::guess::start_guess;
 use crate::model::Model;
 use crate::motion::{Measurement, MotionSettings, MotionTable};
+use crate::analysis::{Context, analyse};
 use crate::nlp::deadline::Deadline;
-use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
-use crate::nlp::polish::{ACTIVE, active, polish};
-use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus, Start};
-use crate::outcome::{IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status};
-use crate::solution::{self, Solution};
+use crate::outcome::{Outcome, Status};
+use crate::plausibility::{self, Warning};
 use crate::study::settings::{Initial, LoadSharingGrid, RegularityMode, Scheme, Settings, WarmStart};
-use crate::transcription::collocation::{BoundKind, Collocation, Combination};
-use crate::transcription::instant::{ACTIVATION, Form, Instant};
+use crate::transcription::collocation::{Collocation, Combination};
+use crate::transcription::instant::{Form, Instant};
 use crate::transcription::midpoint::Midpoint;
-use crate::transcription::prediction::{Setting, predict};
+use crate::transcription::prediction::Setting;
 use crate::transcription::radau::Radau;
 use crate::transcription::scheme::Discretisation;
-use crate::uniqueness;
 use crate::warm::Answer;
-
-/// Objectives closer than this (relative) with the same idle muscles are one optimum.
-const SAME_OPTIMUM: f64 = 1e-6;
-/// A null direction (of length 1) that moves a normalised muscle force by more than this moves loads.
-const MOVES_LOAD: f64 = 1e-6;
 
 /// Meshes of fewer intervals are not halved any more.
 const COARSE_INTERVALS: usize = 10;
@@ -117,70 +109,29 @@ fn solve_timed(
     let best = best(&runs);
     let run = &runs[best];
     if run.status == SqpStatus::NonFinite {
-        return (Outcome::failed(Status::NonFinite, "a function or derivative is not finite along the way"), None);
+        let mut outcome = Outcome::failed(Status::NonFinite, "a function or derivative is not finite along the way");
+        warn(&mut outcome, plausibility::of_motion(table, model, settings), model, settings);
+        return (outcome, None);
     }
 
     let ranked = Clock::now();
-    // Ranks are taken at the polished point; it is also the solution where it is as good a one.
-    let polished = if deadline.passed() { None } else { polished(&mut kkt, &problem, &run.iterate) };
-    let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
-    let good = ranked_at.kkt_error().largest() <= sqp_settings.target.max(run.iterate.kkt_error().largest());
-    let point = if good { ranked_at } else { &run.iterate };
-    let solution = Solution { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, iterate: point };
-    let mut outcome = Outcome {
-        job: JobRow {
-            status: run.status.into(),
-            error: reason(run),
-            n_starts: Some(runs.len() as i64),
-            n_converged_starts: Some(runs.iter().filter(|r| r.status == SqpStatus::Converged).count() as i64),
-            iterations: Some(run.iterations() as i64),
-            polished: Some(polished.is_some()),
-            solve_s: Some(solve_s),
-            ..solution.job_row()
-        },
-        muscles: solution.muscle_rows(),
-        ..Outcome::default()
-    };
-    if settings.trajectories {
-        outcome.trajectories = solution.trajectory_rows();
-    }
-    let ranks_wanted = settings.regularity != RegularityMode::Off;
-    let mut counter = (ranks_wanted && !deadline.passed()).then(|| RankCounter::new(&problem));
-    counter.iter_mut().for_each(|counter| counter.deadline = deadline);
-    let every = counter.as_mut().filter(|_| settings.regularity == RegularityMode::EveryIteration);
-    outcome.iterations = iteration_rows(&problem, run, every);
-    if let Some(counter) = &mut counter {
-        let setting = prediction_setting(model, scheme.as_ref(), &measurement, settings);
-        if let Some((row, spectrum, null_directions)) = regularity_rows(counter, &problem, ranked_at, &setting) {
-            // The last iterate is the solution: its count is the polished one.
-            if let (Some(last), true) = (outcome.iterations.last_mut(), run.status == SqpStatus::Converged) {
-                (last.deficiency_a, last.deficiency_aj) = (Some(row.a.deficiency), Some(row.aj.deficiency));
-            }
-            (outcome.regularity, outcome.spectrum) = (Some(row), spectrum);
-            let means = solution.mean_activations();
-            let intervals = uniqueness::activation_intervals(&problem, point, &means, &null_directions, deadline);
-            for (muscle, interval) in outcome.muscles.iter_mut().zip(intervals) {
-                (muscle.mean_activation_low, muscle.mean_activation_high) = interval.unzip();
-            }
-        }
-    }
-    let known = outcome.regularity.as_ref().map(|row| (row.a.deficiency, row.aj.deficiency));
-    outcome.optima = optima(&mut kkt, &problem, &runs, counter.as_mut(), known);
-    outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
-    if ranks_wanted && run.status == SqpStatus::Converged {
-        let tracking = measurement.times.len() * model.coordinates();
-        let parameters = uniqueness::parameters(&problem, point, settings.mu, tracking);
-        let means: Vec<f64> = outcome.muscles.iter().map(|muscle| muscle.mean_force_n).collect();
-        let slopes = |direction: &[f64]| solution.mean_force_slopes(direction);
-        outcome.sensitivities = uniqueness::sensitivities(&mut kkt, &problem, point, &parameters, slopes, &means);
-    }
-    if ranks_wanted && run.status == SqpStatus::Converged && deadline.passed() {
-        let reason = "solved, but the time limit of the job passed before all ranks were taken; raise time_limit_s";
-        (outcome.job.status, outcome.job.error) = (Status::TimeLimit, Some(reason.to_owned()));
-    }
+    let context = Context { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, settings, deadline };
+    let mut outcome = analyse(&context, &mut kkt, &runs, best);
+    outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
+    let motion = plausibility::of_motion(table, model, settings);
+    warn(&mut outcome, motion, model, settings);
     let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
     (outcome, answer)
+}
+
+/// Adds the warnings: on the motion always, on the answer where there is one.
+fn warn(outcome: &mut Outcome, motion: Option<Warning>, model: &Model, settings: &Settings) {
+    let mut warnings = Vec::from_iter(motion);
+    if outcome.job.status == Status::Converged {
+        warnings.extend(plausibility::of_answer(&outcome.job, &outcome.muscles, model, settings));
+    }
+    (outcome.job.warnings, outcome.job.remark) = plausibility::said(&warnings);
 }
 
 /// How the motion is measured for a job with these settings.
@@ -308,84 +259,8 @@ fn best(runs: &[SqpOutcome]) -> usize {
     converged.min_by(|a, b| a.1.iterate.objective.total_cmp(&b.1.iterate.objective)).map_or_else(nearest, |(k, _)| k)
 }
 
-/// The optima among the converged runs, the lowest first: objectives more than 1e-6 relative, or idle sets, apart. `lowest`: the deficiencies of
-/// the lowest one where they are known.
-fn optima(
-    kkt: &mut Kkt,
-    problem: &Collocation<'_>,
-    runs: &[SqpOutcome],
-    mut counter: Option<&mut RankCounter>,
-    lowest: Option<(i64, i64)>,
-) -> Vec<OptimumRow> {
-    let mut converged: Vec<&SqpOutcome> = runs.iter().filter(|run| run.status == SqpStatus::Converged).collect();
-    converged.sort_by(|a, b| a.iterate.objective.total_cmp(&b.iterate.objective));
-    let mut optima: Vec<(OptimumRow, Vec<bool>)> = Vec::new();
-    for run in converged {
-        let (objective, idle) = (run.iterate.objective, idle(problem, &run.iterate.x));
-        let same = |(row, other): &&mut (OptimumRow, Vec<bool>)| {
-            let size = objective.abs().max(row.objective.abs());
-            (row.objective - objective).abs() <= SAME_OPTIMUM * size && *other == idle
-        };
-        if let Some((row, _)) = optima.iter_mut().find(same) {
-            row.starts += 1;
-            continue;
-        }
-        let deficiencies = lowest.filter(|_| optima.is_empty()).or_else(|| {
-            let counter = counter.as_mut()?;
-            let point = polished(kkt, problem, &run.iterate).unwrap_or_else(|| run.iterate.clone());
-            let (a, aj) = counter.deficiencies(&point, &active_rows(problem, &point).0)?;
-            Some((a as i64, aj as i64))
-        });
-        let names = problem.instant.model.muscles.iter().zip(&idle).filter(|(_, idle)| **idle);
-        let names: Vec<&str> = names.map(|(muscle, _)| muscle.name.as_str()).collect();
-        let row = OptimumRow {
-            objective,
-            starts: 1,
-            idle: names.join(", "),
-            deficiency_a: deficiencies.map(|d| d.0),
-            deficiency_aj: deficiencies.map(|d| d.1),
-        };
-        optima.push((row, idle));
-    }
-    optima.into_iter().map(|(row, _)| row).collect()
-}
-
-/// Which muscles have |a| ≤ 1e-8 at every collocation point.
-pub fn idle(problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
-    let muscles = problem.instant.model.muscles.len();
-    let mut idle = vec![true; muscles];
-    for point in 0..problem.layout.times.len() {
-        let z = problem.local(point, x);
-        for (m, idle) in idle.iter_mut().enumerate() {
-            *idle &= z[problem.instant.muscle(m) + ACTIVATION].abs() <= ACTIVE;
-        }
-    }
-    idle
-}
-
-/// The solution with active bounds exactly on their value.
-fn polished(kkt: &mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Option<Iterate> {
-    let mut x = polish(kkt, problem, &iterate.x, &active(&iterate.inequalities))?;
-    // An idle muscle is put to exactly 0 where a ≥ 0 is not imposed, too.
-    for (m, idle) in idle(problem, &x).into_iter().enumerate() {
-        if idle {
-            let at = problem.instant.muscle(m) + ACTIVATION;
-            let indices: Vec<usize> =
-                problem.layout.points.iter().flat_map(|p| p.map[at].iter().map(|&(index, _)| index)).collect();
-            indices.into_iter().for_each(|index| {
-                if x[index].abs() <= ACTIVE {
-                    x[index] = 0.0;
-                }
-            });
-        }
-    }
-    let mut polished = Iterate::new(problem, x);
-    polished.equality_multipliers.clone_from(&iterate.equality_multipliers);
-    polished.inequality_multipliers.clone_from(&iterate.inequality_multipliers);
-    Some(polished)
-}
-
-fn reason(run: &SqpOutcome) -> Option<String> {
+/// Why a run did not converge.
+pub fn reason(run: &SqpOutcome) -> Option<String> {
     let error = run.iterate.kkt_error();
     let residuals = format!(
         "stationarity {:.1e}, feasibility {:.1e}, complementarity {:.1e}",
@@ -393,7 +268,9 @@ fn reason(run: &SqpOutcome) -> Option<String> {
     );
     let reason = match run.status {
         SqpStatus::Converged => return None,
-        SqpStatus::IterationLimit => format!("stopped after {} SQP iterations; raise max_iterations", run.iterations()),
+        SqpStatus::IterationLimit => {
+            format!("stopped after {} SQP iterations, those of a second try counted; raise max_iterations", run.iterations())
+        }
         SqpStatus::TimeLimit => "the time limit of the job passed; raise time_limit_s".to_owned(),
         SqpStatus::QpFailed => "the quadratic sub-problem could not be solved".to_owned(),
         SqpStatus::Stalled => "no step is accepted any more".to_owned(),
@@ -401,95 +278,4 @@ fn reason(run: &SqpOutcome) -> Option<String> {
         SqpStatus::NonFinite => "a function or derivative is not finite".to_owned(),
     };
     Some(format!("{reason} ({residuals})"))
-}
-
-/// Rows of `iterate`'s inequalities that are active, those of f_m ≥ 0 apart.
-fn active_rows(problem: &Collocation<'_>, iterate: &Iterate) -> (Vec<usize>, Vec<usize>) {
-    let active = active(&iterate.inequalities);
-    (0..active.len()).filter(|&row| active[row]).partition(|&row| problem.bounds[row].kind != BoundKind::Force)
-}
-
-fn iteration_rows(
-    problem: &Collocation<'_>,
-    run: &SqpOutcome,
-    mut counter: Option<&mut RankCounter>,
-) -> Vec<IterationRow> {
-    let solution = &run.iterate.x;
-    run.trace
-        .iter()
-        .enumerate()
-        .map(|(iteration, record)| {
-            let deficiencies = counter.as_mut().filter(|counter| !counter.deadline.passed()).and_then(|counter| {
-                let iterate = Iterate::new(problem, record.x.clone());
-                counter.deficiencies(&iterate, &active_rows(problem, &iterate).0)
-            });
-            let distance = record.x.iter().zip(solution).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
-            IterationRow {
-                iteration: iteration as i64,
-                objective: record.objective,
-                stationarity: record.error.stationarity,
-                feasibility: record.error.feasibility,
-                complementarity: record.error.complementarity,
-                step_norm: record.step_norm,
-                distance_to_solution: distance,
-                qp_iterations: record.qp_iterations as i64,
-                deficiency_a: deficiencies.map(|d| d.0 as i64),
-                deficiency_aj: deficiencies.map(|d| d.1 as i64),
-            }
-        })
-        .collect()
-}
-
-/// Ranks at a polished point, beside what the pattern of active bounds predicts.
-fn regularity_rows(
-    counter: &mut RankCounter,
-    problem: &Collocation<'_>,
-    point: &Iterate,
-    setting: &Setting,
-) -> Option<(RegularityRow, Vec<SpectrumRow>, Vec<Vec<f64>>)> {
-    let (bounds, force) = active_rows(problem, point);
-    let found = counter.analyse(point, &bounds)?;
-    let with_force = if force.is_empty() {
-        (found.a.deficiency, found.aj.deficiency)
-    } else {
-        let mut all = bounds.clone();
-        all.extend(&force);
-        counter.deficiencies(point, &all)?
-    };
-    let predicted = predict(problem, &point.x, &bounds, setting);
-    let row = |spectrum: &regularity::Spectrum, predicted: Option<usize>| MatrixRank {
-        size: (spectrum.rank + spectrum.deficiency) as i64,
-        rank: spectrum.rank as i64,
-        deficiency: spectrum.deficiency as i64,
-        predicted: predicted.map(|p| p as i64),
-        tolerance: spectrum.tolerance,
-        sigma_max: spectrum.sigma_max,
-        sigma_last_kept: spectrum.last_kept(),
-        sigma_first_dropped: spectrum.first_dropped(),
-    };
-    let agrees = |spectrum: &regularity::Spectrum, predicted: usize| {
-        spectrum.deficiency == predicted || (spectrum.is_ambiguous() && spectrum.could_be(predicted))
-    };
-    let spectrum = [("a", &found.a), ("aj", &found.aj)]
-        .into_iter()
-        .flat_map(|(matrix, spectrum)| {
-            spectrum.around_cut.iter().map(move |&(index, value)| SpectrumRow {
-                matrix: matrix.to_owned(),
-                index: index as i64,
-                value,
-            })
-        })
-        .collect();
-    let regularity = RegularityRow {
-        a: row(&found.a, predicted.a),
-        aj: row(&found.aj, predicted.aj),
-        deficiency_a_with_force: Some(with_force.0 as i64),
-        deficiency_aj_with_force: Some(with_force.1 as i64),
-        ambiguous: found.a.is_ambiguous() || found.aj.is_ambiguous(),
-        prediction_agrees: predicted.a.zip(predicted.aj).map(|(a, aj)| agrees(&found.a, a) && agrees(&found.aj, aj)),
-        unique: found.a.deficiency == 0 && found.aj.deficiency == 0,
-        loads_unique: !found.null_directions.iter().any(|d| solution::moves_load(problem, &point.x, d, MOVES_LOAD)),
-        null_space: uniqueness::describe(problem, &found.null_directions, &idle(problem, &point.x)),
-    };
-    Some((regularity, spectrum, found.null_directions))
 }

@@ -231,44 +231,60 @@ pub fn parameters(problem: &Collocation<'_>, iterate: &Iterate, mu: f64, sharing
     parameters
 }
 
-/// ∂(mean force)/∂θ of every muscle for every parameter, from the KKT system at the solution with its active bounds kept: no further
-/// solve. None where that system says that the solution is no strict minimum, or does not determine the forces.
+/// The KKT system at a solution with its active bounds kept: how the answer follows what changes in the problem.
+pub struct Linearised<'k> {
+    kkt: &'k mut Kkt,
+    unknowns: usize,
+}
+
+impl<'k> Linearised<'k> {
+    /// `None` where the system says that the solution is no strict minimum.
+    pub fn new(kkt: &'k mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Option<Self> {
+        let [_, _, pattern] = problem.patterns();
+        let (mut hessian, metric) = (pattern.clone(), pattern.clone());
+        problem.hessian(&iterate.x, iterate.multipliers(), Curvature::Exact, &mut hessian);
+        let inertia = kkt.factorise(&KktValues {
+            hessian: &hessian,
+            metric: &metric,
+            damping: 0.0,
+            equalities: &iterate.equality_jacobian,
+            inequalities: &iterate.inequality_jacobian,
+            rows: Rows::Active(&active(&iterate.inequalities)),
+        })?;
+        let unknowns = iterate.x.len();
+        (inertia.positive == unknowns).then_some(Self { kkt, unknowns })
+    }
+
+    /// How x and the multipliers of the equalities change when ∇L and the equalities c change by these; `None` where the system does not
+    /// determine it.
+    pub fn follow(&mut self, gradient: &[f64], equalities: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+        let n = self.unknowns;
+        let (mut right, mut solution) = (vec![0.0; self.kkt.order()], vec![0.0; self.kkt.order()]);
+        right[..n].iter_mut().zip(gradient).for_each(|(r, g)| *r = -g);
+        right[n..n + equalities.len()].iter_mut().zip(equalities).for_each(|(r, c)| *r = -c);
+        if self.kkt.solve_roughly(&right, &mut solution) > ACCURACY {
+            return None;
+        }
+        let multipliers = solution[n..n + equalities.len()].to_vec();
+        solution.truncate(n);
+        Some((solution, multipliers))
+    }
+}
+
+/// ∂(mean force)/∂θ of every muscle for every parameter, without a further solve; none where the forces are not determined.
 ///
 /// `mean_force`: how the mean forces (N) change along a direction.
 pub fn sensitivities(
-    kkt: &mut Kkt,
+    linearised: &mut Linearised<'_>,
     problem: &Collocation<'_>,
-    iterate: &Iterate,
     parameters: &[Parameter],
     mean_force: impl Fn(&[f64]) -> Vec<f64>,
     means: &[f64],
 ) -> Vec<SensitivityRow> {
-    let [_, _, pattern] = problem.patterns();
-    let (mut hessian, metric) = (pattern.clone(), pattern.clone());
-    problem.hessian(&iterate.x, iterate.multipliers(), Curvature::Exact, &mut hessian);
-    let active = active(&iterate.inequalities);
-    let (n, me) = (iterate.x.len(), iterate.equalities.len());
-    let inertia = kkt.factorise(&KktValues {
-        hessian: &hessian,
-        metric: &metric,
-        damping: 0.0,
-        equalities: &iterate.equality_jacobian,
-        inequalities: &iterate.inequality_jacobian,
-        rows: Rows::Active(&active),
-    });
-    if inertia.is_none_or(|inertia| inertia.positive != n) {
-        return Vec::new();
-    }
-    let (mut right, mut solution) = (vec![0.0; kkt.order()], vec![0.0; kkt.order()]);
     let mut rows = Vec::new();
     for parameter in parameters {
-        right.fill(0.0);
-        right[..n].iter_mut().zip(&parameter.gradient).for_each(|(r, g)| *r = -g);
-        right[n..n + me].iter_mut().zip(&parameter.equalities).for_each(|(r, c)| *r = -c);
-        if kkt.solve_roughly(&right, &mut solution) > ACCURACY {
-            continue;
-        }
-        for (m, slope) in mean_force(&solution[..n]).into_iter().enumerate() {
+        let Some((step, _)) = linearised.follow(&parameter.gradient, &parameter.equalities) else { continue };
+        for (m, slope) in mean_force(&step).into_iter().enumerate() {
             rows.push(SensitivityRow {
                 muscle: problem.instant.model.muscles[m].name.clone(),
                 parameter: parameter.name.clone(),

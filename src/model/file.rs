@@ -12,7 +12,7 @@ use super::mechanics::Mechanics;
 use super::musculotendon::Musculotendon;
 use super::path::{Path, StraightPath};
 use super::planar::Planar;
-use crate::error::{Issue, Result, SourceFile, nearest};
+use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -174,54 +174,69 @@ pub struct ForceEntry {
 }
 
 impl ModelFile {
-    /// Reads and checks a model file; errors point into it.
+    /// Reads and checks a model file.
+    ///
+    /// # Errors
+    /// All mistakes, each with its place.
     pub fn load(file: &SourceFile) -> Result<(toml::Table, Model)> {
-        let entry: ModelFile = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
-        let model = entry.check().map_err(|issue| issue.in_file(file))?;
+        let entry: ModelFile = file.toml()?;
+        let model = entry.check_all().map_err(|issues| Issue::all_in_file(&issues, file))?;
         let table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
         Ok((table, model))
+    }
+
+    /// [`ModelFile::check_all`].
+    ///
+    /// # Errors
+    /// The first [`Issue`].
+    pub fn check(&self) -> std::result::Result<Model, Issue> {
+        self.check_all().map_err(first)
     }
 
     /// Checks what types cannot say.
     ///
     /// # Errors
-    /// The first [`Issue`], with the path of the value at fault.
-    pub fn check(&self) -> std::result::Result<Model, Issue> {
+    /// All mistakes, each with the path of the value at fault.
+    pub fn check_all(&self) -> std::result::Result<Model, Vec<Issue>> {
+        let mut mistakes = Mistakes::default();
         if self.body.is_empty() {
-            return Err(Issue::new(&["body"], "the model has no body", "add at least one `[[body]]` table"));
+            mistakes.push(Issue::new(&["body"], "the model has no body", "add at least one `[[body]]` table"));
         }
         if self.muscle.is_empty() {
-            return Err(Issue::new(&["muscle"], "the model has no muscle", "add at least one `[[muscle]]` table"));
+            mistakes.push(Issue::new(&["muscle"], "the model has no muscle", "add at least one `[[muscle]]` table"));
         }
-        finite(&["gravity"], &self.gravity)?;
-        let curve = self.curves.check()?;
-        unique("body", self.body.iter().map(|b| b.name.as_str()))?;
-        unique("joint", self.joint.iter().map(|j| j.name.as_str()))?;
-        unique("muscle", self.muscle.iter().map(|m| m.name.as_str()))?;
-        unique("force", self.force.iter().map(|f| f.name.as_str()))?;
+        mistakes.take(finite(&["gravity"], &self.gravity));
+        mistakes.take(unique("body", self.body.iter().map(|b| b.name.as_str())));
+        mistakes.take(unique("joint", self.joint.iter().map(|j| j.name.as_str())));
+        mistakes.take(unique("muscle", self.muscle.iter().map(|m| m.name.as_str())));
+        mistakes.take(unique("force", self.force.iter().map(|f| f.name.as_str())));
         if self.body.iter().any(|b| b.name == "ground") {
-            return Err(Issue::new(&["body", "ground"], "`ground` is always there", "give this body another name"));
+            mistakes.push(Issue::new(&["body", "ground"], "`ground` is always there", "give this body another name"));
         }
         for body in &self.body {
-            positive(&["body", &body.name, "mass"], body.mass, "kg")?;
-            positive(&["body", &body.name, "inertia"], body.inertia, "kg m²")?;
-            finite(&["body", &body.name, "centre_of_mass"], &body.centre_of_mass)?;
+            mistakes.take(positive(&["body", &body.name, "mass"], body.mass, "kg"));
+            mistakes.take(positive(&["body", &body.name, "inertia"], body.inertia, "kg m²"));
+            mistakes.take(finite(&["body", &body.name, "centre_of_mass"], &body.centre_of_mass));
         }
-        let joints = self.joint.iter().map(|j| self.joint(j)).collect::<std::result::Result<Vec<_>, _>>()?;
+        let joints = mistakes.all(self.joint.iter().map(|joint| self.joint(joint)));
         for (i, joint) in joints.iter().enumerate() {
             if let Some(name) = &joint.coordinate
                 && joints[..i].iter().any(|other| other.coordinate.as_ref() == Some(name))
             {
-                return Err(Issue::new(
+                mistakes.push(Issue::new(
                     &["joint", &joint.name, "coordinate"],
                     format!("the joint coordinate `{name}` is named twice"),
                     "each joint needs a name of its own for its coordinate",
                 ));
             }
         }
-        self.check_connections(&joints)?;
-        let muscles = self.muscle.iter().map(|m| self.muscle(m, curve)).collect::<std::result::Result<Vec<_>, _>>()?;
-        let forces = self.force.iter().map(|f| self.force(f)).collect::<std::result::Result<Vec<_>, _>>()?;
+        if joints.len() == self.joint.len() {
+            mistakes.take(self.check_connections(&joints));
+        }
+        let curve = mistakes.take(self.curves.check()).unwrap_or_default();
+        let muscles = mistakes.all(self.muscle.iter().map(|muscle| self.muscle(muscle, curve)));
+        let forces = mistakes.all(self.force.iter().map(|force| self.force(force)));
+        mistakes.none()?;
         let bodies = self
             .body
             .iter()

@@ -189,6 +189,18 @@ impl Model {
         names
     }
 
+    /// Joint coordinates that stay as they are whatever the motion says, with why.
+    pub fn unmoved_coordinates(&self) -> Vec<(String, &'static str)> {
+        let Some(spatial) = self.spatial() else { return Vec::new() };
+        let why = |coordinate: &crate::skeleton::Coordinate| match (coordinate.locked, &coordinate.follows) {
+            (true, _) => Some("is locked in the model"),
+            (_, Some(_)) => Some("follows another coordinate of the model"),
+            _ => None,
+        };
+        let coordinates = spatial.skeleton.coordinates.iter();
+        coordinates.filter_map(|coordinate| Some((coordinate.name.clone(), why(coordinate)?))).collect()
+    }
+
     /// Names of the body coordinates, `upper_arm.x` and so on.
     pub fn body_coordinate_names(&self) -> Vec<String> {
         let each = |name: &str, axes: &[&str]| axes.iter().map(|axis| format!("{name}.{axis}")).collect::<Vec<_>>();

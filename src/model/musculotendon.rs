@@ -83,6 +83,11 @@ impl Musculotendon {
         }
     }
 
+    /// The passive part of the force at a fibre length (optimal fibre lengths), along the tendon, N.
+    pub fn passive_force(&self, length: f64) -> f64 {
+        self.max_isometric_force * self.pennation_angle.cos() * passive_force_length(length).value
+    }
+
     /// Eq. (3) as it is solved, and its slopes by the path's length and by f_m: `l_t − f_t⁻¹(f_m)`; of a rigid tendon
     /// `(L_mt − L_o l_m cos θ − L_s)/L_o`, which says where the fibre is and leaves f_m alone.
     pub fn contraction(&self, path_length: f64, fibre_length: f64, force: f64) -> Contraction {

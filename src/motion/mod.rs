@@ -5,6 +5,6 @@ pub mod sampling;
 pub mod surroundings;
 pub mod table;
 
-pub use sampling::{Measurement, MotionSettings};
+pub use sampling::{Measurement, MotionSettings, low_pass};
 pub use surroundings::Surroundings;
 pub use table::MotionTable;

@@ -11,7 +11,7 @@ use super::function::{Function, FunctionEntry};
 use super::path::{Move, MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
 use super::{Abduction, Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton};
-use crate::error::{Issue, Result, SourceFile, nearest};
+use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 use crate::model::curves::ForceVelocity;
 use crate::model::file::{CurvesEntry, finite, positive, unique};
 
@@ -297,68 +297,88 @@ impl SkeletonFile {
     /// Reads and checks a file.
     ///
     /// # Errors
-    /// The first mistake, with its place.
+    /// All mistakes, each with its place.
     pub fn load(file: &SourceFile) -> Result<Skeleton> {
-        let read: Self = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
-        read.check().map_err(|issue| issue.in_file(file))
+        file.toml::<Self>()?.check_all().map_err(|issues| Issue::all_in_file(&issues, file))
+    }
+
+    /// [`SkeletonFile::check_all`].
+    ///
+    /// # Errors
+    /// The first [`Issue`].
+    pub fn check(&self) -> Checked<Skeleton> {
+        self.check_all().map_err(first)
     }
 
     /// Checks what types cannot say.
     ///
     /// # Errors
-    /// The first [`Issue`], with the path of the value at fault.
-    pub fn check(&self) -> Checked<Skeleton> {
+    /// All mistakes, each with the path of the value at fault.
+    pub fn check_all(&self) -> std::result::Result<Skeleton, Vec<Issue>> {
+        let mut mistakes = Mistakes::default();
         if self.dimensions != 3 {
             let message = format!("found {}", self.dimensions);
-            return Err(Issue::new(
+            mistakes.push(Issue::new(
                 &["dimensions"],
                 message,
                 "a spatial model has dimensions = 3; a planar one has no such key",
             ));
         }
-        let mut bodies: Vec<&str> = self.body.iter().map(|body| body.name.as_str()).collect();
-        let coordinates: Vec<&str> = self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect();
-        let surfaces: Vec<&str> = self.surface.iter().map(|surface| surface.name.as_str()).collect();
-        unique("body", bodies.iter().copied())?;
-        unique("coordinate", coordinates.iter().copied())?;
-        unique("surface", surfaces.iter().copied())?;
-        unique("joint", self.joint.iter().map(|joint| joint.name.as_str()))?;
-        unique("muscle", self.muscle.iter().map(|muscle| muscle.name.as_str()))?;
-        unique("held_point", self.held_point.iter().map(|held| held.name.as_str()))?;
-        unique("force", self.force.iter().map(|force| force.name.as_str()))?;
-        if bodies.contains(&GROUND) {
-            return Err(Issue::new(&["body", GROUND], "`ground` is always there", "give this body another name"));
+        mistakes.take(unique("body", self.body.iter().map(|body| body.name.as_str())));
+        mistakes.take(unique("coordinate", self.coordinate.iter().map(|coordinate| coordinate.name.as_str())));
+        mistakes.take(unique("surface", self.surface.iter().map(|surface| surface.name.as_str())));
+        mistakes.take(unique("joint", self.joint.iter().map(|joint| joint.name.as_str())));
+        mistakes.take(unique("muscle", self.muscle.iter().map(|muscle| muscle.name.as_str())));
+        mistakes.take(unique("held_point", self.held_point.iter().map(|held| held.name.as_str())));
+        mistakes.take(unique("force", self.force.iter().map(|force| force.name.as_str())));
+        mistakes.take(finite(&["gravity"], &self.gravity));
+        if self.body.iter().any(|body| body.name == GROUND) {
+            mistakes.push(Issue::new(&["body", GROUND], "`ground` is always there", "give this body another name"));
         }
-        let mut checked_bodies = self.body.iter().map(BodyEntry::check).collect::<Checked<Vec<_>>>()?;
-        if self.names_ground() {
-            bodies.push(GROUND);
-            checked_bodies.push(Body::ground());
+        let mut bodies = mistakes.all(self.body.iter().map(BodyEntry::check));
+        let names = self.names();
+        if names.bodies.last() == Some(&GROUND) {
+            bodies.push(Body::ground());
         }
-        let names = Names { bodies, coordinates, surfaces };
+        let mut joints = mistakes.all(self.joint.iter().map(|joint| joint.check(&names)));
+        let curve = mistakes.take(self.curves.check()).unwrap_or_default();
+        let muscle = |muscle: &MuscleEntry| muscle.check(&names, &self.muscles, curve);
+        let muscles = mistakes.all(self.muscle.iter().map(muscle));
+        let surfaces = mistakes.all(self.surface.iter().map(|surface| surface.check(&names)));
+        let held_points = mistakes.all(self.held_point.iter().map(|held| held.check(&names)));
+        let forces = mistakes.all(self.force.iter().map(|force| force.check(&names)));
+        let abduction = mistakes.all(self.abduction.iter().map(|abduction| abduction.check(&names))).pop();
+        mistakes.none()?;
 
-        let mut joints = self.joint.iter().map(|joint| joint.check(&names)).collect::<Checked<Vec<_>>>()?;
         if names.bodies.last() == Some(&GROUND) {
             joints.push(Joint::of_ground(names.bodies.len() - 1));
         }
-        sort(&mut joints, &names)?;
-        let mut skeleton = Skeleton {
+        let one = |issue: Issue| vec![issue];
+        sort(&mut joints, &names).map_err(one)?;
+        let skeleton = Skeleton {
             name: self.name.clone(),
-            bodies: checked_bodies,
-            coordinates: self.coordinates(&joints)?,
+            bodies,
+            coordinates: self.coordinates(&joints).map_err(one)?,
             joints,
-            surfaces: self.surface.iter().map(|surface| surface.check(&names)).collect::<Checked<Vec<_>>>()?,
-            held_points: self.held_point.iter().map(|held| held.check(&names)).collect::<Checked<Vec<_>>>()?,
-            forces: self.force.iter().map(|force| force.check(&names)).collect::<Checked<Vec<_>>>()?,
-            abduction: self.abduction.as_ref().map(|abduction| abduction.check(&names)).transpose()?,
+            surfaces,
+            held_points,
+            forces,
+            abduction,
             gravity: self.gravity,
-            muscles: Vec::new(),
+            muscles,
         };
-        finite(&["gravity"], &self.gravity)?;
-        let curve = self.curves.check()?;
-        let muscle = |muscle: &MuscleEntry| muscle.check(&names, &self.muscles, curve);
-        skeleton.muscles = self.muscle.iter().map(muscle).collect::<Checked<Vec<_>>>()?;
-        skeleton.check_roles()?;
+        skeleton.check_roles().map_err(one)?;
         Ok(skeleton)
+    }
+
+    /// Names that others refer to; the ground is among the bodies where something is on it.
+    fn names(&self) -> Names<'_> {
+        let ground = self.names_ground().then_some(GROUND);
+        Names {
+            bodies: self.body.iter().map(|body| body.name.as_str()).chain(ground).collect(),
+            coordinates: self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect(),
+            surfaces: self.surface.iter().map(|surface| surface.name.as_str()).collect(),
+        }
     }
 
     /// Whether points, surfaces or forces are on the ground, which then is a body as well.
@@ -686,11 +706,28 @@ impl SurfaceEntry {
 }
 
 impl MuscleEntry {
+    /// A path has a length and no two points in a row at one place, where its direction would be none.
+    fn check_length(&self) -> Checked<()> {
+        let fixed = |p: &PointEntry| p.when.is_none() && [&p.x, &p.y, &p.z].iter().all(|f| f.is_none()) && p.moves.is_none();
+        let same = |pair: &[PointEntry]| {
+            pair.iter().all(fixed) && pair[0].body == pair[1].body && pair[0].point == pair[1].point
+        };
+        match self.path.windows(2).position(same) {
+            None => Ok(()),
+            Some(k) => {
+                let index = (k + 1).to_string();
+                let message = "the point is where the one before is: the path has no length between them";
+                Err(Issue::new(&["muscle", &self.name, "path", &index], message, "remove one of the two points, or mend its place"))
+            }
+        }
+    }
+
     fn check(&self, names: &Names<'_>, defaults: &MusclesEntry, force_velocity: ForceVelocity) -> Checked<Muscle> {
         let place = |key: &'static str| ["muscle", self.name.as_str(), key];
         if self.path.len() < 2 {
             return Err(Issue::new(&place("path"), "fewer than two points", "a path has an origin and an insertion"));
         }
+        self.check_length()?;
         let point = |entry: &PointEntry| {
             finite(&place("path"), &entry.point)?;
             let coordinate = |name: &str| find("coordinate", &names.coordinates, name, &place("path"));

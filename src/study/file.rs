@@ -39,6 +39,9 @@ pub struct StudyFile {
     /// What to do when a job fails.
     #[serde(default)]
     pub on_failure: OnFailure,
+    /// Numbers of the model whose values here may be more than ten times larger or smaller than the model's own.
+    #[serde(default)]
+    pub confirm: Vec<String>,
 }
 
 /// Axes of several kinds; those given multiply.

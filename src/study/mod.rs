@@ -11,7 +11,7 @@ pub mod sweep;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::error::{Error, Issue, Result, SourceFile};
+use crate::error::{Error, Issue, Mistakes, Result, SourceFile};
 use crate::model::file::ModelFile;
 use crate::model::{Mechanics, Model};
 use crate::motion::MotionTable;
@@ -27,7 +27,7 @@ use settings::{Complaint, Settings, Value};
 use sources::Sources;
 
 /// A part of every job's identity: raised when the meaning of a result changes.
-pub const SCHEMA_VERSION: u32 = 3;
+pub const SCHEMA_VERSION: u32 = 4;
 
 /// A study, checked and expanded.
 #[derive(Clone, Debug)]
@@ -89,9 +89,18 @@ impl Study {
         let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
         check_coverage(&model, &motion, &sources.motion)?;
         let fail = |issue: Issue| issue.in_file(&sources.study);
-        check_name(&file.name).map_err(fail)?;
-        let ratios = ratios(&file.ratio, &model).map_err(fail)?;
-        let plan = Plan::new(&file, &model, &model_table).map_err(fail)?;
+        let mut mistakes = Mistakes::default();
+        mistakes.take(check_name(&file.name));
+        let ratios = mistakes.take(ratios(&file.ratio, &model)).unwrap_or_default();
+        let plan = match Plan::new(&file, &model, &model_table) {
+            Ok(plan) => Some(plan),
+            Err(issues) => {
+                issues.into_iter().for_each(|issue| mistakes.push(issue));
+                None
+            }
+        };
+        mistakes.none().map_err(|issues| Issue::all_in_file(&issues, &sources.study))?;
+        let plan = plan.expect("there are no mistakes");
 
         let model_hash = canonical_hash(&model_table);
         let motion_hash = blake3::hash(sources.motion.text.as_bytes()).to_hex().to_string();

@@ -11,7 +11,7 @@ use super::file::{StudyFile, Sweep};
 use super::settings::{Complaint, Girdle, Settings, Value, WarmStart};
 use super::sweep::{self, Expansion, Place, Point};
 use super::{Job, SCHEMA_VERSION};
-use crate::error::Issue;
+use crate::error::{Issue, Mistakes};
 use crate::model::Model;
 use crate::motion::MotionTable;
 
@@ -33,6 +33,12 @@ impl Identity<'_> {
     }
 }
 
+/// The default of `stages` for spatial models, which take much longer with more.
+const SPATIAL_STAGES: usize = 1;
+
+/// A value set for a number of the model may be up to this many times larger or smaller than the model's own.
+const FAR: f64 = 10.0;
+
 /// Most jobs that start from one another in a row: such a block is one piece of work.
 const BLOCK: usize = 16;
 
@@ -51,36 +57,47 @@ pub struct Plan<'m> {
     paths: HashMap<Arc<str>, Vec<String>>,
     /// The model's joint coordinates, with whether each is an angle.
     coordinates: Vec<(String, bool)>,
+    /// Those that no change of the motion moves, with why.
+    unmoved: Vec<(String, &'static str)>,
+    /// Names whose values may be far from the model's.
+    confirmed: &'m [String],
     model_table: &'m toml::Table,
 }
 
 impl<'m> Plan<'m> {
     /// Reads base and sweeps.
-    pub fn new(file: &StudyFile, model: &Model, model_table: &'m toml::Table) -> std::result::Result<Self, Issue> {
+    ///
+    /// # Errors
+    /// All mistakes in the base, or all in the sweeps.
+    pub fn new(
+        file: &'m StudyFile,
+        model: &Model,
+        model_table: &'m toml::Table,
+    ) -> std::result::Result<Self, Vec<Issue>> {
+        let mut mistakes = Mistakes::default();
         let coordinates =
             model.motion_coordinates().into_iter().map(|(name, is_angle)| (name.to_owned(), is_angle)).collect();
+        let mut base = Settings::default();
+        if model.spatial().is_some() {
+            base.stages = SPATIAL_STAGES;
+        }
         let mut plan = Plan {
-            base: Settings::default(),
+            base,
             base_changes: Vec::new(),
             sweeps: Vec::new(),
             axes: IndexMap::new(),
             paths: HashMap::new(),
             coordinates,
+            unmoved: model.unmoved_coordinates(),
+            confirmed: &file.confirm,
             model_table,
         };
         for (name, value) in flatten(&file.base) {
-            let place = || vec!["base".to_owned(), name.clone()];
-            let value = value.ok_or_else(|| {
-                let help = "[base] holds single values; lists go in [sweep.grid]";
-                sweep::issue(place(), "found a list or a table", help)
-            })?;
-            plan.learn(&name).map_err(|c| complaint_at(place(), c))?;
-            let (mut base, mut changes) = (plan.base.clone(), plan.base_changes.clone());
-            plan.assign(&mut base, &mut changes, &name, &value).map_err(|c| complaint_at(place(), c))?;
-            (plan.base, plan.base_changes) = (base, changes);
+            mistakes.take(plan.set_base(&name, value));
         }
+        mistakes.none()?;
         changed_model(model_table, &plan.base_changes, plan.base.girdle)
-            .map_err(|c| complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c))?;
+            .map_err(|c| vec![complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c)])?;
 
         let single = [Sweep::default()];
         let sweeps: &[Sweep] = if file.sweep.0.is_empty() { &single } else { &file.sweep.0 };
@@ -94,17 +111,32 @@ impl<'m> Plan<'m> {
                 true => Ok(()),
                 false => Settings::default().set(name, value, &plan.coordinates),
             };
-            let expansion = sweep::expand(sweep, &place, &sweep::Context { value: &value, check: &check })?;
+            let context = sweep::Context { value: &value, check: &check };
+            let Some(expansion) = mistakes.take(sweep::expand(sweep, &place, &context)) else { continue };
             for (name, place) in &expansion.axes {
                 if **name != *sweep::SAMPLE {
-                    plan.learn(name).map_err(|c| complaint_at(place.clone(), c))?;
+                    mistakes.take(plan.learn(name).map_err(|c| complaint_at(place.clone(), c)));
                 }
                 plan.axes.entry(Arc::clone(name)).or_insert(place.clone());
             }
             plan.sweeps.push(expansion);
         }
-        plan.check_overlaps()?;
+        mistakes.none()?;
+        plan.check_overlaps().map_err(|issue| vec![issue])?;
         Ok(plan)
+    }
+
+    fn set_base(&mut self, name: &str, value: Option<Value>) -> std::result::Result<(), Issue> {
+        let place = || vec!["base".to_owned(), name.to_owned()];
+        let value = value.ok_or_else(|| {
+            let help = "[base] holds single values; lists go in [sweep.grid]";
+            sweep::issue(place(), "found a list or a table", help)
+        })?;
+        self.learn(name).map_err(|c| complaint_at(place(), c))?;
+        let (mut base, mut changes) = (self.base.clone(), self.base_changes.clone());
+        self.assign(&mut base, &mut changes, name, &value).map_err(|c| complaint_at(place(), c))?;
+        (self.base, self.base_changes) = (base, changes);
+        Ok(())
     }
 
     /// Finds what a name stands for, and that it stands for something.
@@ -126,8 +158,12 @@ impl<'m> Plan<'m> {
         name: &str,
         value: &Value,
     ) -> std::result::Result<(), Complaint> {
-        let Some(paths) = self.paths.get(name) else { return settings.set(name, value, &self.coordinates) };
+        let Some(paths) = self.paths.get(name) else {
+            self.check_moves(name)?;
+            return settings.set(name, value, &self.coordinates);
+        };
         for path in paths {
+            self.check_size(name, path, value)?;
             // A swept value replaces the fixed one; a change that changes nothing is none, so that a job has one identity.
             let change = ModelChange::new(path, value)?;
             changes.retain(|other| other.path != change.path);
@@ -138,6 +174,35 @@ impl<'m> Plan<'m> {
         // A factor applies to whatever value is set.
         changes.sort_by(|a, b| (a.is_factor(), &a.path).cmp(&(b.is_factor(), &b.path)));
         Ok(())
+    }
+
+    /// Refuses a change of the motion of a coordinate that the study does not move.
+    fn check_moves(&self, name: &str) -> std::result::Result<(), Complaint> {
+        let change = name.strip_prefix("motion.").unwrap_or("");
+        let of = |(coordinate, _): &&(String, &str)| {
+            change.strip_prefix(coordinate.as_str()).is_some_and(|rest| rest == "_scale" || rest.starts_with("_offset_"))
+        };
+        match self.unmoved.iter().find(of) {
+            None => Ok(()),
+            Some((coordinate, why)) => {
+                let help = "all jobs would be the same: remove the key, or unlock the coordinate in the model";
+                Err(Complaint::new(format!("`{coordinate}` {why}"), help))
+            }
+        }
+    }
+
+    /// Refuses a value far from the model's own that the study does not confirm.
+    fn check_size(&self, name: &str, path: &str, value: &Value) -> std::result::Result<(), Complaint> {
+        let (Some(own), Some(new)) = (change::number_at(self.model_table, path), value.number()) else { return Ok(()) };
+        let is_far = own != 0.0 && !(own.abs() / FAR..=own.abs() * FAR).contains(&new.abs());
+        if path.ends_with("_scale") || !is_far || self.confirmed.iter().any(|known| known == name || known == path) {
+            return Ok(());
+        }
+        let message = format!("{new} is {:.3} times the model's own value, {own}", new / own);
+        let help = format!(
+            "is `{path}_scale` meant, or is the unit another one? If the value is right, say so: confirm = [\"{name}\"] at the top of the study"
+        );
+        Err(Complaint::new(message, help))
     }
 
     /// What a job at a point has under a name, for conditions.
@@ -183,7 +248,8 @@ impl<'m> Plan<'m> {
     /// What a swept name sets.
     fn targets(&self, name: &str) -> Vec<String> {
         match self.paths.get(name) {
-            Some(paths) => paths.clone(),
+            // A number has one value, set or scaled.
+            Some(paths) => paths.iter().map(|path| path.strip_suffix("_scale").unwrap_or(path).to_owned()).collect(),
             None => vec![name.trim_end_matches("_deg").trim_end_matches("_rad").to_owned()],
         }
     }

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::nearest;
+use crate::plausibility::Limits;
 use crate::transcription::collocation::BoundKind;
 
 /// A value of a study file.
@@ -253,6 +254,10 @@ pub struct Settings {
     /// `motion.<coordinate>_offset_…` (SI) and `motion.<coordinate>_scale`, by coordinate.
     #[schemars(skip)]
     pub motion: Vec<(String, f64, f64)>,
+    /// Limits of warnings, `warn.…`.
+    #[schemars(skip)]
+    #[serde(skip_serializing_if = "Limits::are_default")]
+    pub warn: Limits,
 }
 
 /// The default is no part of a job's identity, which planar models would otherwise have to change.
@@ -266,7 +271,7 @@ impl Default for Settings {
             mu: 0.2,
             h: 0.1,
             scheme: Scheme::Radau,
-            stages: 1,
+            stages: 3,
             initial: Initial::Equilibrium,
             bounds: Bounds::Both,
             girdle: Girdle::Prescribed,
@@ -284,6 +289,7 @@ impl Default for Settings {
             time_limit_s: None,
             time_scale: 1.0,
             motion: Vec::new(),
+            warn: Limits::default(),
         }
     }
 }
@@ -354,16 +360,30 @@ impl Settings {
                 self.time_limit_s =
                     Some(number(value, 0.0..=1e9, "a time in seconds; leave the key out for no limit")?);
             }
-            _ => match name.strip_prefix("motion.") {
-                Some(change) => self.set_motion(change, value, coordinates)?,
-                None => return Err(unknown(name)),
+            _ => match (name.strip_prefix("motion."), name.strip_prefix("warn.")) {
+                (Some(change), _) => self.set_motion(change, value, coordinates)?,
+                (_, Some(limit)) => self.set_limit(limit, value)?,
+                _ => return Err(unknown(name)),
             },
         }
         Ok(())
     }
 
+    fn set_limit(&mut self, name: &str, value: &Value) -> Result<(), Complaint> {
+        let limit = self.warn.named(name).ok_or_else(|| {
+            let near = nearest(name, Limits::NAMES).map(|n| format!("did you mean `warn.{n}`? ")).unwrap_or_default();
+            let known = Limits::NAMES.map(|name| format!("warn.{name}")).join(", ");
+            Complaint::new(format!("unknown limit `warn.{name}`"), format!("{near}limits of warnings are: {known}"))
+        })?;
+        *limit = number(value, -1e9..=1e9, "a number")?;
+        Ok(())
+    }
+
     /// The value of a setting or of a change of the motion, as a study would write it; `None` for what is not set.
     pub fn get(&self, name: &str) -> Option<Value> {
+        if let Some(limit) = name.strip_prefix("warn.") {
+            return self.warn.clone().named(limit).map(|limit| Value::Number(*limit));
+        }
         let Some(change) = name.strip_prefix("motion.") else {
             let all = serde_json::to_value(self).expect("settings are plain data");
             let found = NAMES.contains(&name).then(|| all[name].clone())?;
@@ -486,7 +506,7 @@ pub fn unknown(name: &str) -> Complaint {
         format!("unknown setting `{name}`"),
         format!(
             "{near}settings are: {}; numbers of the model go by path, such as muscle.<name>.tendon_slack_length or \
-             body.<name>.mass_scale; changes of the motion begin with motion.",
+             body.<name>.mass_scale; changes of the motion begin with motion., limits of warnings with warn.",
             NAMES.join(", ")
         ),
     )

@@ -56,7 +56,7 @@ impl Sources {
 /// # Errors
 /// If it is no TOML, or has keys or types that a study has not.
 pub fn parse(file: &SourceFile) -> Result<StudyFile> {
-    toml::from_str(&file.text).map_err(|e| file.toml_error(&e))
+    file.toml()
 }
 
 /// Reads a file that a study names; if it is not there the error points at the key.

@@ -45,6 +45,10 @@ pub struct Columns<'s> {
     ratios: &'s [Ratio],
 }
 
+/// Settings that are whole numbers.
+const COUNTS: [&str; 7] =
+    ["stages", "measurement_ratio", "starts", "first_start", "seed", "max_iterations", crate::study::sweep::SAMPLE];
+
 /// Type of a swept column: that of all its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
@@ -56,9 +60,10 @@ enum Kind {
 
 impl<'s> Columns<'s> {
     pub fn of(study: &'s Study) -> Self {
+        // Real numbers are real in every study, whatever values it has of them.
         let kind = |axis: usize| {
             let values = || study.jobs.iter().filter_map(move |job| job.swept[axis].as_ref());
-            if values().all(|v| matches!(v, Value::Integer(_))) {
+            if COUNTS.contains(&study.axes[axis].as_str()) && values().all(|v| matches!(v, Value::Integer(_))) {
                 Kind::Integer
             } else if values().all(|v| v.number().is_some()) {
                 Kind::Number
@@ -152,10 +157,13 @@ fn job_rows(rows: &[(&Job, &Outcome)]) -> Vec<(&'static str, Values)> {
     vec![
         ("status", texts(rows, |(_, o)| Some(o.job.status.name().to_owned()))),
         ("error", texts(rows, |(_, o)| o.job.error.clone())),
+        ("warnings", texts(rows, |(_, o)| o.job.warnings.clone())),
         ("remark", texts(rows, |(_, o)| o.job.remark.clone())),
         ("iterations", integer(|j| j.iterations)),
+        ("factorisations", integer(|j| j.factorisations)),
         ("objective", number(|j| j.objective)),
         ("effort", number(|j| j.effort)),
+        ("effort_mesh_error", number(|j| j.effort_mesh_error)),
         ("tracking_rms_m", number(|j| j.tracking_rms_m)),
         ("tracking_rms_deg", number(|j| j.tracking_rms_deg)),
         ("n_starts", integer(|j| j.n_starts)),
@@ -181,8 +189,8 @@ fn job_rows(rows: &[(&Job, &Outcome)]) -> Vec<(&'static str, Values)> {
 }
 
 fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows: Vec<(&str, &RegularityRow)> =
-        finished.iter().filter_map(|(job, o)| Some((job.id.as_str(), o.regularity.as_ref()?))).collect();
+    let rows: Vec<(Of<'_>, &RegularityRow)> =
+        finished.iter().filter_map(|(job, o)| Some((Of::new(job, o), o.regularity.as_ref()?))).collect();
     type Pick = fn(&RegularityRow) -> &MatrixRank;
     let matrix = |pick: Pick, f: fn(&MatrixRank) -> Option<i64>| integers(&rows, |(_, r)| f(pick(r)));
     let value = |pick: Pick, f: fn(&MatrixRank) -> Option<f64>| numbers(&rows, |(_, r)| f(pick(r)));
@@ -190,7 +198,8 @@ fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
     table(
         "regularity",
         vec![
-            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
+            ("status", texts(&rows, |(of, _)| Some(of.status.to_owned()))),
             ("rows_a", matrix(a, |m| Some(m.size))),
             ("rank_a", matrix(a, |m| Some(m.rank))),
             ("deficiency_a", matrix(a, |m| Some(m.deficiency))),
@@ -211,16 +220,31 @@ fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
             ("sigma_first_dropped_aj", value(aj, |m| m.sigma_first_dropped)),
             ("ambiguous", flags(&rows, |(_, r)| Some(r.ambiguous))),
             ("prediction_agrees", flags(&rows, |(_, r)| r.prediction_agrees)),
-            ("unique", flags(&rows, |(_, r)| Some(r.unique))),
-            ("loads_unique", flags(&rows, |(_, r)| Some(r.loads_unique))),
+            ("multipliers_unique", flags(&rows, |(_, r)| r.multipliers_unique)),
+            ("answer_unique", flags(&rows, |(_, r)| r.answer_unique)),
+            ("loads_unique", flags(&rows, |(_, r)| r.loads_unique)),
+            ("unique", flags(&rows, |(_, r)| Some(r.multipliers_unique? && r.answer_unique?))),
             ("null_space", texts(&rows, |(_, r)| r.null_space.clone())),
         ],
     )
 }
 
-/// (job id, row) of every row of one kind.
-fn each<'o, R>(finished: &[(&'o Job, &'o Outcome)], rows: fn(&'o Outcome) -> &'o Vec<R>) -> Vec<(&'o str, &'o R)> {
-    finished.iter().flat_map(|(job, outcome)| rows(outcome).iter().map(move |row| (job.id.as_str(), row))).collect()
+/// The job that a row is of.
+#[derive(Clone, Copy)]
+struct Of<'o> {
+    job: &'o str,
+    status: &'static str,
+}
+
+impl<'o> Of<'o> {
+    fn new(job: &'o Job, outcome: &Outcome) -> Self {
+        Self { job: &job.id, status: outcome.job.status.name() }
+    }
+}
+
+/// Every row of one kind, with its job.
+fn each<'o, R>(finished: &[(&'o Job, &'o Outcome)], rows: fn(&'o Outcome) -> &'o Vec<R>) -> Vec<(Of<'o>, &'o R)> {
+    finished.iter().flat_map(|(job, outcome)| rows(outcome).iter().map(|row| (Of::new(job, outcome), row))).collect()
 }
 
 fn iterations(finished: &[(&Job, &Outcome)]) -> Table {
@@ -228,7 +252,7 @@ fn iterations(finished: &[(&Job, &Outcome)]) -> Table {
     table(
         "iterations",
         vec![
-            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
             ("iteration", integers(&rows, |(_, r)| Some(r.iteration))),
             ("objective", numbers(&rows, |(_, r)| Some(r.objective))),
             ("stationarity", numbers(&rows, |(_, r)| Some(r.stationarity))),
@@ -248,16 +272,23 @@ fn muscles(finished: &[(&Job, &Outcome)]) -> Table {
     table(
         "muscles",
         vec![
-            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
+            ("status", texts(&rows, |(of, _)| Some(of.status.to_owned()))),
             ("muscle", texts(&rows, |(_, r)| Some(r.muscle.clone()))),
             ("mean_activation", numbers(&rows, |(_, r)| Some(r.mean_activation))),
             ("mean_activation_low", numbers(&rows, |(_, r)| r.mean_activation_low)),
             ("mean_activation_high", numbers(&rows, |(_, r)| r.mean_activation_high)),
             ("peak_activation", numbers(&rows, |(_, r)| Some(r.peak_activation))),
+            ("peak_excitation", numbers(&rows, |(_, r)| Some(r.peak_excitation))),
+            ("saturated_share", numbers(&rows, |(_, r)| Some(r.saturated_share))),
             ("mean_force_n", numbers(&rows, |(_, r)| Some(r.mean_force_n))),
+            ("mean_force_mesh_error_n", numbers(&rows, |(_, r)| r.mean_force_mesh_error_n)),
             ("peak_force_n", numbers(&rows, |(_, r)| Some(r.peak_force_n))),
             ("impulse_n_s", numbers(&rows, |(_, r)| Some(r.impulse_n_s))),
             ("min_force_n", numbers(&rows, |(_, r)| Some(r.min_force_n))),
+            ("peak_passive_force_n", numbers(&rows, |(_, r)| Some(r.peak_passive_force_n))),
+            ("min_fibre_length", numbers(&rows, |(_, r)| Some(r.min_fibre_length))),
+            ("max_fibre_length", numbers(&rows, |(_, r)| Some(r.max_fibre_length))),
             ("idle", flags(&rows, |(_, r)| Some(r.idle))),
             ("ringing", numbers(&rows, |(_, r)| Some(r.ringing))),
             ("direction_changes", numbers(&rows, |(_, r)| Some(r.direction_changes))),
@@ -269,7 +300,7 @@ fn muscles(finished: &[(&Job, &Outcome)]) -> Table {
 /// The declared load ratios of each job that has muscles; null where the denominator is 0.
 fn ratios(finished: &[(&Job, &Outcome)], ratios: &[Ratio]) -> Table {
     struct Row<'o> {
-        job: &'o str,
+        of: Of<'o>,
         ratio: &'o str,
         measure: Measure,
         value: Option<f64>,
@@ -288,14 +319,15 @@ fn ratios(finished: &[(&Job, &Outcome)], ratios: &[Ratio]) -> Table {
                     outcome.muscles.iter().filter(|row| muscles.contains(&row.muscle)).map(of).sum::<f64>()
                 };
                 let value = Some(total(&ratio.numerator.0) / total(&ratio.denominator.0)).filter(|v| v.is_finite());
-                rows.push(Row { job: &job.id, ratio: &ratio.name, measure, value });
+                rows.push(Row { of: Of::new(job, outcome), ratio: &ratio.name, measure, value });
             }
         }
     }
     table(
         "ratios",
         vec![
-            ("job_id", texts(&rows, |r| Some(r.job.to_owned()))),
+            ("job_id", texts(&rows, |r| Some(r.of.job.to_owned()))),
+            ("status", texts(&rows, |r| Some(r.of.status.to_owned()))),
             ("ratio", texts(&rows, |r| Some(r.ratio.to_owned()))),
             ("measure", texts(&rows, |r| Some(r.measure.name().to_owned()))),
             ("value", numbers(&rows, |r| r.value)),
@@ -308,7 +340,7 @@ fn spectrum(finished: &[(&Job, &Outcome)]) -> Table {
     table(
         "spectrum",
         vec![
-            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
             ("matrix", texts(&rows, |(_, r)| Some(r.matrix.clone()))),
             ("index", integers(&rows, |(_, r)| Some(r.index))),
             ("value", numbers(&rows, |(_, r)| Some(r.value))),
@@ -321,7 +353,7 @@ fn sensitivities(finished: &[(&Job, &Outcome)]) -> Table {
     table(
         "sensitivities",
         vec![
-            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
             ("muscle", texts(&rows, |(_, r)| Some(r.muscle.clone()))),
             ("parameter", texts(&rows, |(_, r)| Some(r.parameter.clone()))),
             ("parameter_value", numbers(&rows, |(_, r)| Some(r.parameter_value))),
@@ -336,7 +368,7 @@ fn optima(finished: &[(&Job, &Outcome)]) -> Table {
     table(
         "optima",
         vec![
-            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
             ("objective", numbers(&rows, |(_, r)| Some(r.objective))),
             ("starts", integers(&rows, |(_, r)| Some(r.starts))),
             ("idle", texts(&rows, |(_, r)| Some(r.idle.clone()))),
@@ -351,7 +383,7 @@ fn trajectories(finished: &[(&Job, &Outcome)]) -> Table {
     table(
         "trajectories",
         vec![
-            ("job_id", texts(&rows, |(id, _)| Some((*id).to_owned()))),
+            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
             ("time_s", numbers(&rows, |(_, r)| Some(r.time_s))),
             ("signal", texts(&rows, |(_, r)| Some(r.signal.clone()))),
             ("name", texts(&rows, |(_, r)| Some(r.name.clone()))),
@@ -382,7 +414,8 @@ pub fn unit(column: &str) -> &'static str {
         (".moment", "N m"),
     ];
     match column {
-        "effort" | "h" => "s",
+        "effort" | "effort_mesh_error" | "h" => "s",
+        "min_fibre_length" | "max_fibre_length" => "optimal fibre lengths",
         "max_constraint_velocity" => "m/s, rad/s",
         "mean_force_slope" => "N per unit of the parameter",
         "ringing" => "optimal fibre lengths/s",

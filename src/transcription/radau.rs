@@ -16,7 +16,7 @@ use super::instant::{Form, Instant};
 use super::scheme::{Discretisation, Trajectory};
 
 /// Points c_i and weights b_i of the Radau IIA formulas with 1, 2 and 3 stages.
-fn tableau(stages: usize) -> (Vec<f64>, Vec<f64>) {
+pub fn tableau(stages: usize) -> (Vec<f64>, Vec<f64>) {
     let root = 6f64.sqrt();
     match stages {
         1 => (vec![1.0], vec![1.0]),
@@ -30,7 +30,7 @@ fn tableau(stages: usize) -> (Vec<f64>, Vec<f64>) {
 }
 
 /// Values (or first or second derivatives) at `x` of the Lagrange polynomials on `nodes`.
-fn lagrange(nodes: &[f64], x: f64, derivative: usize) -> Vec<f64> {
+pub fn lagrange(nodes: &[f64], x: f64, derivative: usize) -> Vec<f64> {
     let n = nodes.len();
     let product = |i: usize, skip: &[usize]| -> f64 {
         (0..n).filter(|j| *j != i && !skip.contains(j)).map(|j| x - nodes[j]).product()

@@ -1,0 +1,280 @@
+//! Whether an answer that has converged is plausible: warnings, each with a short code, a limit that a study may set, and a remedy.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::model::Model;
+use crate::motion::{MotionTable, low_pass};
+use crate::outcome::{JobRow, MuscleRow};
+use crate::study::settings::Settings;
+
+/// What a warning says: its code, what it looks at and the names of its limits, and what to do.
+pub struct Kind {
+    pub code: &'static str,
+    pub limit: &'static str,
+    pub remedy: &'static str,
+}
+
+/// All kinds of warning.
+pub const KINDS: [Kind; 8] = [
+    Kind {
+        code: "tracking",
+        limit: "tracking error above warn.tracking_deg (2°) or warn.tracking_mm (10 mm), RMS",
+        remedy: "where activations are at 1 the muscles are too weak; else lower mu, refine the mesh, or check the motion",
+    },
+    Kind {
+        code: "saturated",
+        limit: "activation at its upper bound for more than warn.saturated (0.1) of the time, or activation or excitation above 1 where nothing bounds it",
+        remedy: "the muscles are too weak for this motion: check maximum forces, masses and external forces; impose bounds = \"both_boxed\"",
+    },
+    Kind {
+        code: "overload",
+        limit: "force above warn.overload (1.5) times the maximum isometric force",
+        remedy: "see `passive` and `fibre_velocity`: a stretched or a fast lengthening fibre carries it",
+    },
+    Kind {
+        code: "passive",
+        limit: "passive force above warn.passive (0.2) times the maximum isometric force",
+        remedy: "the fibre is stretched: the tendon slack length or the optimal fibre length is too short for the path",
+    },
+    Kind {
+        code: "fibre_length",
+        limit: "fibre length below warn.fibre_length_min (0.4) or above warn.fibre_length_max (1.6) optimal fibre lengths",
+        remedy: "the tendon slack length or the optimal fibre length does not fit the path",
+    },
+    Kind {
+        code: "fast_motion",
+        limit: "a coordinate of the motion faster than warn.speed_rad_s (30 rad/s) or warn.speed_m_s (10 m/s), or turning by more than warn.turn_rad (2π)",
+        remedy: "check the unit of the column (degrees labelled as radians?), and smooth the motion (smoothing_hz)",
+    },
+    Kind {
+        code: "mesh",
+        limit: "estimated discretisation error of the effort or of a mean force above warn.mesh (0.05)",
+        remedy: "take more stages (stages = 3) or a smaller h",
+    },
+    Kind {
+        code: "fibre_velocity",
+        limit: "fibre velocity beyond warn.fibre_velocity (20) optimal fibre lengths a second",
+        remedy: "with scheme = \"midpoint\" fibres ring: use radau; else check the motion and the muscle's lengths",
+    },
+];
+
+/// Limits beyond which there is a warning: `warn.…` in a study.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Limits {
+    /// Tracking error, RMS, degrees.
+    pub tracking_deg: f64,
+    /// Tracking error, RMS, mm.
+    pub tracking_mm: f64,
+    /// Share of the time at an activation of 1.
+    pub saturated: f64,
+    /// Force over maximum isometric force.
+    pub overload: f64,
+    /// Passive force over maximum isometric force.
+    pub passive: f64,
+    /// Optimal fibre lengths.
+    pub fibre_length_min: f64,
+    pub fibre_length_max: f64,
+    pub speed_rad_s: f64,
+    pub speed_m_s: f64,
+    /// Range of an angle, rad.
+    pub turn_rad: f64,
+    /// Estimated discretisation error of effort and mean forces, as a share.
+    pub mesh: f64,
+    /// Optimal fibre lengths a second.
+    pub fibre_velocity: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            tracking_deg: 2.0,
+            tracking_mm: 10.0,
+            saturated: 0.1,
+            overload: 1.5,
+            passive: 0.2,
+            fibre_length_min: 0.4,
+            fibre_length_max: 1.6,
+            speed_rad_s: 30.0,
+            speed_m_s: 10.0,
+            turn_rad: std::f64::consts::TAU,
+            mesh: 0.05,
+            fibre_velocity: 20.0,
+        }
+    }
+}
+
+impl Limits {
+    pub const NAMES: [&str; 12] = [
+        "tracking_deg",
+        "tracking_mm",
+        "saturated",
+        "overload",
+        "passive",
+        "fibre_length_min",
+        "fibre_length_max",
+        "speed_rad_s",
+        "speed_m_s",
+        "turn_rad",
+        "mesh",
+        "fibre_velocity",
+    ];
+
+    /// The limit of a name.
+    pub fn named(&mut self, name: &str) -> Option<&mut f64> {
+        Some(match name {
+            "tracking_deg" => &mut self.tracking_deg,
+            "tracking_mm" => &mut self.tracking_mm,
+            "saturated" => &mut self.saturated,
+            "overload" => &mut self.overload,
+            "passive" => &mut self.passive,
+            "fibre_length_min" => &mut self.fibre_length_min,
+            "fibre_length_max" => &mut self.fibre_length_max,
+            "speed_rad_s" => &mut self.speed_rad_s,
+            "speed_m_s" => &mut self.speed_m_s,
+            "turn_rad" => &mut self.turn_rad,
+            "mesh" => &mut self.mesh,
+            "fibre_velocity" => &mut self.fibre_velocity,
+            _ => return None,
+        })
+    }
+
+    pub fn are_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A warning: its code, and what was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Warning {
+    pub code: &'static str,
+    pub found: String,
+}
+
+/// A mean force counts as at least this share of the maximum force, where its error is judged.
+const LITTLE: f64 = 0.01;
+/// An activation above 1 by less is rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// The warnings on a converged job. `model`: its muscles in the order of the rows.
+pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &Settings) -> Vec<Warning> {
+    let limits = &settings.warn;
+    let mut warnings = Vec::new();
+    let mut warn = |code: &'static str, found: String| warnings.push(Warning { code, found });
+    let (deg, mm) = (job.tracking_rms_deg.unwrap_or(0.0), 1e3 * job.tracking_rms_m.unwrap_or(0.0));
+    if deg > limits.tracking_deg || mm > limits.tracking_mm {
+        warn("tracking", format!("the motion is missed by {deg:.1}° and {mm:.0} mm (RMS)"));
+    }
+    // The worst muscle of each kind, by how far it is beyond the limit.
+    let strength = |m: usize| model.muscles[m].max_isometric_force;
+    let worst = |measure: &dyn Fn(usize, &MuscleRow) -> f64| {
+        let all = muscles.iter().enumerate().map(|(m, row)| (measure(m, row), row));
+        all.max_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let count = |beyond: &dyn Fn(usize, &MuscleRow) -> bool| {
+        let others = muscles.iter().enumerate().filter(|(m, row)| beyond(*m, row)).count().saturating_sub(1);
+        if others == 0 { String::new() } else { format!(" and {others} more") }
+    };
+    let boxed = |row: &MuscleRow| row.saturated_share > limits.saturated;
+    let above = |row: &MuscleRow| row.peak_activation.max(row.peak_excitation) > 1.0 + ROUNDING;
+    if let Some((peak, row)) = worst(&|_, row| row.peak_activation.max(row.peak_excitation)).filter(|(_, row)| above(row)) {
+        let more = count(&|_, row| above(row));
+        warn("saturated", format!("{}{more}: activation or excitation up to {peak:.2}", row.muscle));
+    } else if let Some((share, row)) = worst(&|_, row| row.saturated_share).filter(|(_, row)| boxed(row)) {
+        let more = count(&|_, row| boxed(row));
+        warn("saturated", format!("{}{more}: activation 1 for {:.0} % of the time", row.muscle, 100.0 * share));
+    }
+    let times = |force: f64, m: usize| force / strength(m);
+    for (code, force, limit, words) in [
+        ("overload", (|row| row.peak_force_n) as fn(&MuscleRow) -> f64, limits.overload, "N"),
+        ("passive", |row| row.peak_passive_force_n, limits.passive, "N of passive force"),
+    ] {
+        if let Some((share, row)) = worst(&|m, row| times(force(row), m)).filter(|(share, _)| *share > limit) {
+            let more = count(&|m, row| times(force(row), m) > limit);
+            let peak = force(row);
+            warn(code, format!("{}{more}: up to {peak:.0} {words}, {share:.2} times its maximum", row.muscle));
+        }
+    }
+    let outside =
+        |row: &MuscleRow| (limits.fibre_length_min - row.min_fibre_length).max(row.max_fibre_length - limits.fibre_length_max);
+    if let Some((_, row)) = worst(&|_, row| outside(row)).filter(|(by, _)| *by > 0.0) {
+        let more = count(&|_, row| outside(row) > 0.0);
+        let (low, high) = (row.min_fibre_length, row.max_fibre_length);
+        warn("fibre_length", format!("{}{more}: {low:.2} to {high:.2} optimal fibre lengths", row.muscle));
+    }
+    let velocity = |row: &MuscleRow| row.peak_fibre_velocity_per_s;
+    if let Some((peak, row)) = worst(&|_, row| velocity(row)).filter(|(peak, _)| *peak > limits.fibre_velocity) {
+        let more = count(&|_, row| velocity(row) > limits.fibre_velocity);
+        warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths a second", row.muscle));
+    }
+    warnings.extend(of_mesh(job, muscles, model, limits.mesh));
+    warnings
+}
+
+fn of_mesh(job: &JobRow, muscles: &[MuscleRow], model: &Model, limit: f64) -> Option<Warning> {
+    let of_effort = job.effort_mesh_error.zip(job.effort).map(|(error, effort)| error.abs() / effort.abs());
+    let of_force = |m: usize| {
+        let row = &muscles[m];
+        let size = row.mean_force_n.abs().max(LITTLE * model.muscles[m].max_isometric_force);
+        Some((row.mean_force_mesh_error_n?.abs() / size, row.muscle.as_str()))
+    };
+    let worst = (0..muscles.len()).filter_map(of_force).max_by(|a, b| a.0.total_cmp(&b.0));
+    let parts: Vec<String> = [of_effort.map(|share| (share, "the effort")), worst]
+        .into_iter()
+        .flatten()
+        .filter(|(share, _)| *share > limit)
+        .map(|(share, what)| format!("{what} is off by about {:.0} %", 100.0 * share))
+        .collect();
+    (!parts.is_empty()).then(|| Warning { code: "mesh", found: parts.join(", ") })
+}
+
+/// Rates are taken over at least this time, s: those of noise say nothing.
+const WINDOW: f64 = 0.02;
+
+/// The largest rate (1/s) and the range of values over time.
+pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, f64) {
+    let (mut rate, mut after) = (0.0f64, 0);
+    for (i, &t) in time.iter().enumerate() {
+        while after + 1 < time.len() && time[after] - t < WINDOW {
+            after += 1;
+        }
+        if time[after] > t {
+            rate = rate.max((values[after] - values[i]).abs() / (time[after] - t));
+        }
+    }
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
+    (rate, high - low)
+}
+
+/// The warning on a motion that no joint makes, as the job changes it.
+pub fn of_motion(table: &MotionTable, model: &Model, settings: &Settings) -> Option<Warning> {
+    let limits = &settings.warn;
+    let coordinates = model.joint_coordinates();
+    let found: Vec<String> = (table.columns.iter())
+        .filter_map(|(name, values)| {
+            let is_angle = coordinates.iter().find(|(known, _)| known == name)?.1;
+            let factor = settings.motion.iter().find(|(changed, ..)| changed == name).map_or(1.0, |change| change.2.abs());
+            let (rate, range) = rate_and_range(&table.time, &low_pass(&table.time, values, settings.smoothing_hz));
+            let (rate, range) = (factor * rate / settings.time_scale, factor * range);
+            let (limit, unit) = if is_angle { (limits.speed_rad_s, "rad/s") } else { (limits.speed_m_s, "m/s") };
+            // A full turn is one, whatever its last digits.
+            let turns = is_angle && range > limits.turn_rad * (1.0 + 1e-6);
+            (rate > limit || turns).then(|| {
+                let turned = if turns { format!(", turning by {:.0}°", range.to_degrees()) } else { String::new() };
+                format!("{name}: up to {rate:.0} {unit}{turned}")
+            })
+        })
+        .collect();
+    (!found.is_empty()).then(|| Warning { code: "fast_motion", found: found.join("; ") })
+}
+
+/// Codes for the table, and what was found in words.
+pub fn said(warnings: &[Warning]) -> (Option<String>, Option<String>) {
+    if warnings.is_empty() {
+        return (None, None);
+    }
+    let codes: Vec<&str> = warnings.iter().map(|warning| warning.code).collect();
+    let words: Vec<String> = warnings.iter().map(|warning| format!("{}: {}", warning.code, warning.found)).collect();
+    (Some(codes.join(", ")), Some(words.join("; ")))
+}
