@@ -94,7 +94,9 @@ fn add_ranks(
 ) {
     let Context { problem, scheme, measurement, settings, deadline } = *context;
     let setting = prediction_setting(problem.instant.model, scheme, measurement, settings);
-    let Some((mut row, spectrum, null_directions)) = regularity_rows(counter, problem, ranked_at, &setting) else { return };
+    let Some((mut row, spectrum, null_directions)) = regularity_rows(counter, problem, ranked_at, &setting) else {
+        return;
+    };
     if converged {
         // The last iterate is the solution: its count is the polished one.
         if let Some(last) = outcome.iterations.last_mut() {

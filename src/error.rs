@@ -130,7 +130,9 @@ impl SourceFile {
         }
         match String::from_utf8(bytes) {
             Ok(text) => Ok(Self { path: path.to_owned(), text }),
-            Err(error) if path.extension().is_some_and(|ending| LATIN_1.iter().any(|e| ending.eq_ignore_ascii_case(e))) => {
+            Err(error)
+                if path.extension().is_some_and(|ending| LATIN_1.iter().any(|e| ending.eq_ignore_ascii_case(e))) =>
+            {
                 Ok(Self { path: path.to_owned(), text: error.as_bytes().iter().copied().map(char::from).collect() })
             }
             Err(error) => {

@@ -178,7 +178,9 @@ pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &
     };
     let boxed = |row: &MuscleRow| row.saturated_share > limits.saturated;
     let above = |row: &MuscleRow| row.peak_activation.max(row.peak_excitation) > 1.0 + ROUNDING;
-    if let Some((peak, row)) = worst(&|_, row| row.peak_activation.max(row.peak_excitation)).filter(|(_, row)| above(row)) {
+    if let Some((peak, row)) =
+        worst(&|_, row| row.peak_activation.max(row.peak_excitation)).filter(|(_, row)| above(row))
+    {
         let more = count(&|_, row| above(row));
         warn("saturated", format!("{}{more}: activation or excitation up to {peak:.2}", row.muscle));
     } else if let Some((share, row)) = worst(&|_, row| row.saturated_share).filter(|(_, row)| boxed(row)) {
@@ -196,8 +198,9 @@ pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &
             warn(code, format!("{}{more}: up to {peak:.0} {words}, {share:.2} times its maximum", row.muscle));
         }
     }
-    let outside =
-        |row: &MuscleRow| (limits.fibre_length_min - row.min_fibre_length).max(row.max_fibre_length - limits.fibre_length_max);
+    let outside = |row: &MuscleRow| {
+        (limits.fibre_length_min - row.min_fibre_length).max(row.max_fibre_length - limits.fibre_length_max)
+    };
     if let Some((_, row)) = worst(&|_, row| outside(row)).filter(|(by, _)| *by > 0.0) {
         let more = count(&|_, row| outside(row) > 0.0);
         let (low, high) = (row.min_fibre_length, row.max_fibre_length);
@@ -254,7 +257,8 @@ pub fn of_motion(table: &MotionTable, model: &Model, settings: &Settings) -> Opt
     let found: Vec<String> = (table.columns.iter())
         .filter_map(|(name, values)| {
             let is_angle = coordinates.iter().find(|(known, _)| known == name)?.1;
-            let factor = settings.motion.iter().find(|(changed, ..)| changed == name).map_or(1.0, |change| change.2.abs());
+            let factor =
+                settings.motion.iter().find(|(changed, ..)| changed == name).map_or(1.0, |change| change.2.abs());
             let (rate, range) = rate_and_range(&table.time, &low_pass(&table.time, values, settings.smoothing_hz));
             let (rate, range) = (factor * rate / settings.time_scale, factor * range);
             let (limit, unit) = if is_angle { (limits.speed_rad_s, "rad/s") } else { (limits.speed_m_s, "m/s") };

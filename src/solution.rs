@@ -259,14 +259,21 @@ impl Solution<'_> {
             .collect()
     }
 
-    /// Functions of time at the collocation points, and the measured coordinates at the measured instants.
+    /// Functions of time (by the clock of the motion file, which `motion.time_scale` stretches from the start on) at the collocation points, and the measured coordinates at the measured instants.
     pub fn trajectory_rows(&self) -> Vec<TrajectoryRow> {
         let (model, instant) = (self.model(), &self.problem.instant);
         let names = model.body_coordinate_names();
         let weight = model.weight();
         let mut rows = Vec::new();
-        let mut push = |time_s: f64, signal: &str, name: &str, value: f64, end_effect: bool| {
-            rows.push(TrajectoryRow { time_s, signal: signal.to_owned(), name: name.to_owned(), value, end_effect });
+        let clock = self.measurement.clock;
+        let mut push = |t: f64, signal: &str, name: &str, value: f64, end_effect: bool| {
+            rows.push(TrajectoryRow {
+                time_s: clock + t,
+                signal: signal.to_owned(),
+                name: name.to_owned(),
+                value,
+                end_effect,
+            });
         };
         let mut near = Vec::new();
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {

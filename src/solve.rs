@@ -6,10 +6,10 @@ use std::time::Instant as Clock;
 
 use rand::{RngExt, SeedableRng};
 
+use crate::analysis::{Context, analyse};
 use crate::guess::start_guess;
 use crate::model::Model;
 use crate::motion::{Measurement, MotionSettings, MotionTable};
-use crate::analysis::{Context, analyse};
 use crate::nlp::deadline::Deadline;
 use crate::nlp::kkt::Kkt;
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus, Start};
@@ -99,7 +99,13 @@ fn solve_timed(
     }
     let mut kkt = Kkt::new(&problem);
     let solve = |kkt: &mut Kkt, start| sqp::solve_with(kkt, &problem, start, sqp_settings);
-    let mut runs: Vec<SqpOutcome> = starts.into_iter().map(|start| solve(&mut kkt, start)).collect();
+    let mut runs: Vec<SqpOutcome> = Vec::with_capacity(starts.len());
+    for start in starts {
+        if !runs.is_empty() && deadline.passed() {
+            break;
+        }
+        runs.push(solve(&mut kkt, start));
+    }
     // A warm start that leads nowhere gives way to the one by inverse dynamics.
     if is_warm && !deadline.passed() && runs.iter().all(|run| run.status != SqpStatus::Converged) {
         let cold = guess().map(|guess| disturb(&guess, scheme.as_ref(), model, settings.seed, settings.first_start));
@@ -125,12 +131,13 @@ fn solve_timed(
     (outcome, answer)
 }
 
-/// Adds the warnings: on the motion always, on the answer where there is one.
+/// Adds the warnings, on the motion and on the answer.
 fn warn(outcome: &mut Outcome, motion: Option<Warning>, model: &Model, settings: &Settings) {
     let mut warnings = Vec::from_iter(motion);
-    if outcome.job.status == Status::Converged {
-        warnings.extend(plausibility::of_answer(&outcome.job, &outcome.muscles, model, settings));
-    }
+    let found = plausibility::of_answer(&outcome.job, &outcome.muscles, model, settings);
+    // What keeps a job from converging may show in its fibres; the rest is no answer.
+    let is_telling = |warning: &Warning| ["passive", "fibre_length"].contains(&warning.code);
+    warnings.extend(found.into_iter().filter(|w| outcome.job.status == Status::Converged || is_telling(w)));
     (outcome.job.warnings, outcome.job.remark) = plausibility::said(&warnings);
 }
 
@@ -269,7 +276,7 @@ pub fn reason(run: &SqpOutcome) -> Option<String> {
     let reason = match run.status {
         SqpStatus::Converged => return None,
         SqpStatus::IterationLimit => {
-            format!("stopped after {} SQP iterations, those of a second try counted; raise max_iterations", run.iterations())
+            format!("stopped after {} SQP iterations in all; raise max_iterations", run.iterations())
         }
         SqpStatus::TimeLimit => "the time limit of the job passed; raise time_limit_s".to_owned(),
         SqpStatus::QpFailed => "the quadratic sub-problem could not be solved".to_owned(),

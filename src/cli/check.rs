@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use super::{BAD_INPUT, GOOD, print};
-use crate::error::{Error, Result, SourceFile};
+use crate::error::{Error, Issue, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
 use crate::opensim;
+use crate::plausibility;
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
 use crate::study::{Study, load_model};
@@ -42,8 +43,7 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
                     Some("add --model MODEL.toml, or check the study that uses this motion".to_owned()),
                 ));
             };
-            let table = MotionTable::load(path, model)?;
-            Ok(format!("motion, {} coordinate(s) at {} instants", table.columns.len(), table.time.len()))
+            Ok(described_motion(&MotionTable::load(path, model)?, model))
         }
         Some("osim") => {
             let file = SourceFile::read(path)?;
@@ -58,7 +58,10 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
             let table: toml::Table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
             if ["motion", "sweep", "base"].iter().any(|key| table.contains_key(*key)) {
                 let study = Study::load(path)?;
-                Ok(format!("study, {} job(s)", study.jobs.len()))
+                let motion = described_motion(&study.motion, &study.model);
+                let warning = plausibility::of_motion(&study.motion, &study.model, &study.base);
+                let warning = warning.map(|w| format!("\nwarning: {}: {}", w.code, w.found)).unwrap_or_default();
+                Ok(format!("study, {} job(s)\n{motion}{warning}{}", study.jobs.len(), lost_of_model(&study)?))
             } else if SkeletonFile::is_one(&table) {
                 Ok(described(&SkeletonFile::load(&file)?))
             } else {
@@ -82,7 +85,57 @@ fn described(model: &Skeleton) -> String {
     let rigid = rigid.collect::<Vec<_>>().join(", ");
     let rigid = if rigid.is_empty() { rigid } else { format!("; rigid tendons: {rigid}") };
     // Models that lengths can be had of are no less models.
-    let study =
-        model.check_study().err().map(|issue| format!("; no study: {}: {}", issue.path.join("."), issue.message));
-    format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}{}", study.unwrap_or_default())
+    let obstacles = model.obstacles();
+    let line = |issue: &Issue| format!("\n  {}: {}", issue.path.join("."), issue.message);
+    let list = obstacles.iter().map(line).collect::<String>();
+    let title = if list.is_empty() { "" } else { "\nNot ready for a study (lengths and moment arms are):" };
+    format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}{title}{list}")
+}
+
+/// Duration, sampling, and of each coordinate range, largest rate and what the model means it for.
+fn described_motion(table: &MotionTable, model: &Model) -> String {
+    let (start, duration) = (table.start(), table.duration());
+    let mean = duration / (table.time.len() - 1) as f64;
+    let steps = table.time.windows(2).map(|pair| pair[1] - pair[0]);
+    let (least, most) = steps.fold((f64::INFINITY, 0.0f64), |(low, high), step| (low.min(step), high.max(step)));
+    let even = if most - least > 1e-3 * mean { format!(", steps of {least:.6} to {most:.6} s") } else { String::new() };
+    let mut out = format!(
+        "motion, {} coordinate(s) at {} instants: {start} to {:.6} s, {:.1} Hz{even}",
+        table.columns.len(),
+        table.time.len(),
+        start + duration,
+        1.0 / mean
+    );
+    let angles = model.joint_coordinates();
+    let ranges = |name: &str| {
+        let skeleton = &model.spatial()?.skeleton;
+        skeleton.coordinates.iter().find(|coordinate| coordinate.name == name)?.range
+    };
+    for (name, values) in &table.columns {
+        let is_angle = angles.iter().any(|(known, is_angle)| known == name && *is_angle);
+        let (factor, unit) = if is_angle { (1f64.to_degrees(), "°") } else { (1e3, " mm") };
+        let (rate, _) = plausibility::rate_and_range(&table.time, values);
+        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
+        let meant =
+            ranges(name).map(|[low, high]| format!(" (the model: {:.1} to {:.1}{unit})", low * factor, high * factor));
+        out.push_str(&format!(
+            "\n  {name}: {:.1} to {:.1}{unit}, up to {:.1}{unit}/s{}",
+            low * factor,
+            high * factor,
+            rate * factor,
+            meant.unwrap_or_default()
+        ));
+    }
+    table.notes.iter().for_each(|note| out.push_str(&format!("\nnote: {note}")));
+    out
+}
+
+/// What is lost of a study's model that is an OpenSim model.
+fn lost_of_model(study: &Study) -> Result<String> {
+    let source = &study.sources.model;
+    if !opensim::is_one(source) {
+        return Ok(String::new());
+    }
+    let list = super::import::listed(&opensim::import(source)?.notes);
+    Ok(format!("\n{}:\n{list}", source.path.display()))
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::{GOOD, print, write_table};
 use crate::error::{Result, SourceFile, nearest};
+use crate::motion::text::{Row, TextTable, at_line};
 use crate::skeleton::Skeleton;
 use crate::study::load_skeleton;
 use crate::tables::{Table, Values};
@@ -21,17 +22,10 @@ pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8>
 
 /// Rows of coordinates, in the model's order; those that have no column keep their default.
 fn read_poses(file: &SourceFile, skeleton: &Skeleton) -> Result<Vec<Vec<f64>>> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_reader(file.text.trim_start_matches('\u{feff}').as_bytes());
-    let wrong = |line: u64, message: String, help: &str| {
-        file.error(file.line_span(line as usize), format!("line {line}: {message}"), "here", Some(help.to_owned()))
-    };
-    let header = reader.headers().map_err(|e| wrong(1, e.to_string(), "the first line names the columns"))?.clone();
+    let text = TextTable::csv(file)?;
     // (coordinate, factor to SI) of each column
     let mut columns: Vec<Option<(usize, f64)>> = Vec::new();
-    for name in &header {
+    for name in &text.names {
         let unit = [("_deg", 1f64.to_radians(), true), ("_rad", 1.0, true), ("_m", 1.0, false)];
         let found = unit.iter().find_map(|(ending, factor, is_angle)| {
             let index = skeleton.coordinate(name.strip_suffix(ending)?)?;
@@ -41,31 +35,28 @@ fn read_poses(file: &SourceFile, skeleton: &Skeleton) -> Result<Vec<Vec<f64>>> {
             let known: Vec<String> = skeleton.coordinates.iter().map(column).collect();
             let near = nearest(name, known.iter().map(String::as_str)).map(|n| format!("did you mean `{n}`? "));
             let help = format!("{}the model has: {}", near.unwrap_or_default(), known.join(", "));
-            return Err(wrong(1, format!("`{name}` is no coordinate of `{}`", skeleton.name), &help));
+            return Err(text.error(file, format!("`{name}` is not a coordinate of `{}`", skeleton.name), &help));
         }
         columns.push(found);
     }
     if columns.iter().all(Option::is_none) {
-        return Err(wrong(1, "no column is a coordinate".to_owned(), "name columns like elbow_flexion_deg"));
+        return Err(text.error(file, "no column is a coordinate", "name columns like elbow_flexion_deg"));
     }
-    let mut poses = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| {
-            let line = e.position().map_or(1, csv::Position::line);
-            wrong(line, e.to_string(), "each row has a value for each column")
-        })?;
-        let line = record.position().map_or(1, csv::Position::line);
+    let pose = |row: &Row| {
         let mut pose = skeleton.default_pose();
-        for ((text, column), name) in record.iter().zip(&columns).zip(&header) {
+        for ((field, column), name) in row.fields.iter().zip(&columns).zip(&text.names) {
             let Some((index, factor)) = column else { continue };
-            match text.parse::<f64>() {
+            match field.parse::<f64>() {
                 Ok(value) if value.is_finite() => pose[*index] = value * factor,
-                _ => return Err(wrong(line, format!("`{text}` in `{name}` is no number"), "give a finite number")),
+                _ => {
+                    let message = format!("line {}: `{field}` in column `{name}` is not a finite number", row.line);
+                    return Err(at_line(file, row.line, message, "give a finite number"));
+                }
             }
         }
-        poses.push(pose);
-    }
-    Ok(poses)
+        Ok(pose)
+    };
+    text.rows.iter().map(pose).collect()
 }
 
 /// A column with a unit, and none of those that this command writes itself.

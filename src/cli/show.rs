@@ -7,6 +7,7 @@ use comfy_table::{CellAlignment, Table as Grid, presets::NOTHING};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result};
+use crate::plausibility::KINDS;
 use crate::run::manifest::Manifest;
 use crate::study::sweep::SAMPLE;
 use crate::table1::{Group, THESIS, groups, thesis};
@@ -14,6 +15,8 @@ use crate::tables::{self, Table, schema};
 
 const FIRST: usize = 24;
 const BEST: usize = 5;
+/// A muscle without activation that carries more in the mean is passive, not idle, N.
+const CARRIES: f64 = 1.0;
 
 pub fn show(dir: &Path, all: bool) -> Result<u8> {
     let Some(manifest) = Manifest::read(dir)? else {
@@ -67,6 +70,26 @@ fn counts(jobs: &Table) {
     }
     let text: Vec<String> = counts.iter().map(|(status, count)| format!("{count} {status}")).collect();
     print(&format!("{} finished job(s): {}", jobs.rows(), text.join(", ")));
+    warnings(jobs);
+}
+
+/// How many jobs have warnings, and of each kind what it looks at and what to do.
+fn warnings(jobs: &Table) {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut total = 0;
+    for codes in (0..jobs.rows()).filter_map(|row| jobs.text("warnings", row)) {
+        total += 1;
+        codes.split(", ").for_each(|code| *counts.entry(code).or_default() += 1);
+    }
+    if total == 0 {
+        return;
+    }
+    print(&format!("{total} job(s) with warnings:"));
+    for (code, count) in counts {
+        let kind = KINDS.iter().find(|kind| kind.code == code);
+        let (limit, remedy) = kind.map_or(("", ""), |kind| (kind.limit, kind.remedy));
+        print(&format!("  {code} ({count}): {limit}\n    {remedy}"));
+    }
 }
 
 fn grid(header: Vec<String>) -> Grid {
@@ -200,8 +223,20 @@ fn job_table(jobs: &Table, regularity: &Table, axes: &[String], limit: usize) {
         (0..regularity.rows()).filter_map(|row| Some((regularity.text("job_id", row)?, row))).collect();
     let mut header: Vec<String> = vec!["job".to_owned()];
     header.extend(axes.iter().cloned());
-    let rest =
-        ["status", "iter.", "objective", "effort", "rms mm", "A", "[Aᵀ Jᵀ]", "predicted", "unique", "optima", "s"];
+    let rest = [
+        "status",
+        "iter.",
+        "objective",
+        "effort",
+        "rms mm",
+        "A",
+        "[Aᵀ Jᵀ]",
+        "predicted",
+        "unique",
+        "optima",
+        "s",
+        "warnings",
+    ];
     header.extend(rest.map(str::to_owned));
     let mut table = grid(header);
     for row in 0..limit {
@@ -210,7 +245,7 @@ fn job_table(jobs: &Table, regularity: &Table, axes: &[String], limit: usize) {
             jobs.number(name, row).map_or("–".to_owned(), |v| format!("{:.digits$}", v * factor))
         };
         let count = |name: &str| rank.and_then(|r| regularity.integer(name, r)).map_or("–".to_owned(), printed);
-        let unique = rank.and_then(|r| Some((regularity.flag("unique", r)?, regularity.flag("loads_unique", r)?)));
+        let verdict = |name: &str| rank.and_then(|r| regularity.flag(name, r));
         let mut cells = vec![jobs.display("index", row).unwrap_or_default()];
         cells.extend(axes.iter().map(|axis| short(&jobs.display(axis, row).unwrap_or_default())));
         cells.push(jobs.display("status", row).unwrap_or_default());
@@ -221,21 +256,25 @@ fn job_table(jobs: &Table, regularity: &Table, axes: &[String], limit: usize) {
         cells.push(count("deficiency_a"));
         cells.push(count("deficiency_aj"));
         cells.push(format!("{}/{}", count("predicted_deficiency_a"), count("predicted_deficiency_aj")));
-        cells.push(
-            match unique {
-                Some((true, _)) => "yes",
-                _ if rank.and_then(|r| regularity.integer("deficiency_aj", r)) == Some(0) => "yes, multipliers not",
-                Some((false, true)) => "loads only",
-                Some((false, false)) => "no",
-                None => "–",
-            }
-            .to_owned(),
-        );
+        let unique = match (verdict("answer_unique"), verdict("loads_unique")) {
+            (Some(true), _) => "answer",
+            (_, Some(true)) => "loads",
+            (_, Some(false)) => "no",
+            _ => "–",
+        };
+        cells.push(unique.to_owned());
         cells.push(jobs.display("n_distinct_optima", row).unwrap_or("–".to_owned()));
         cells.push(number("wall_s", 3, 1.0));
+        cells.push(jobs.text("warnings", row).unwrap_or("").to_owned());
         table.add_row(cells);
     }
     print(&format!("\nJobs\n{}", table.trim_fmt()));
+    if regularity.rows() > 0 {
+        let starts = (0..jobs.rows()).filter_map(|row| jobs.integer("n_starts", row)).max().unwrap_or(1);
+        print(&format!(
+            "unique: the answer, only its muscle loads, or no. A verdict on the optimum that was found, from {starts} start(s): there may be others."
+        ));
+    }
 }
 
 /// A number of many digits, cut to what a table bears; whole numbers stay as they are.
@@ -268,13 +307,19 @@ fn muscle_table(jobs: &Table, muscles: &Table, limit: usize) {
         grid(["job"].into_iter().chain(names.iter().copied()).chain(["ringing 1/s"]).map(str::to_owned).collect());
     for row in 0..limit {
         let Some(rows) = jobs.text("job_id", row).and_then(|id| by_job.get(id)) else { continue };
-        let mut cells = vec![jobs.display("index", row).unwrap_or_default()];
+        let status = jobs.text("status", row).filter(|status| *status != "converged");
+        let mark = status.map_or(String::new(), |status| format!(" ({status})"));
+        let mut cells = vec![format!("{}{mark}", jobs.display("index", row).unwrap_or_default())];
         for name in &names {
             cells.push(match rows.get(name) {
                 None => "–".to_owned(),
                 Some(&r) => {
                     let (mean, peak) = (muscles.number("mean_force_n", r), muscles.number("peak_force_n", r));
-                    let idle = if muscles.flag("idle", r) == Some(true) { " idle" } else { "" };
+                    let idle = match muscles.flag("idle", r) {
+                        Some(true) if mean.is_some_and(|force| force > CARRIES) => " passive",
+                        Some(true) => " idle",
+                        _ => "",
+                    };
                     format!("{:.1}/{:.1}{idle}", mean.unwrap_or(f64::NAN), peak.unwrap_or(f64::NAN))
                 }
             });

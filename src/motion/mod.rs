@@ -4,6 +4,7 @@ pub mod joint_motion;
 pub mod sampling;
 pub mod surroundings;
 pub mod table;
+pub mod text;
 
 pub use sampling::{Measurement, MotionSettings, low_pass};
 pub use surroundings::Surroundings;

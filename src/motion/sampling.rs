@@ -38,6 +38,8 @@ pub struct Measurement {
     pub times: Vec<f64>,
     /// `p̂ × nq`, noise included
     pub coordinates: Vec<Vec<f64>>,
+    /// What the motion file calls the start of the motion, s.
+    pub clock: f64,
 }
 
 /// The model's joints cannot be closed at a time (s).
@@ -80,7 +82,7 @@ impl MotionSettings {
             let normal = Normal::new(0.0, self.noise_sd).expect("a positive standard deviation");
             coordinates.iter_mut().flatten().for_each(|x| *x += normal.sample(&mut rng));
         }
-        Ok(Measurement { times, coordinates })
+        Ok(Measurement { times, coordinates, clock: table.start() })
     }
 
     /// Body coordinates of a planar model that closes its joints.

@@ -7,7 +7,8 @@
 
 use std::path::Path;
 
-use crate::error::{Result, SourceFile};
+use super::text::{Row, TextTable, at_line};
+use crate::error::{Result, SourceFile, nearest};
 use crate::model::Model;
 
 /// Joint coordinates over time, in SI units (rad, m).
@@ -19,275 +20,129 @@ pub struct MotionTable {
     pub columns: Vec<(String, Vec<f64>)>,
     /// (name of the external force, its components in the ground's axes, N)
     pub forces: Vec<(String, [Vec<f64>; 3])>,
+    /// What of the file is not used, or contradicts the model.
+    pub notes: Vec<String>,
 }
 
-/// One row of text fields with its line number (from 1).
-struct Row<'t> {
-    line: usize,
-    fields: Vec<&'t str>,
+/// What a column is.
+enum Column {
+    Time,
+    /// Index of the force, and of its axis.
+    Force(usize, usize),
+    /// Name of the coordinate, and the factor to SI units.
+    Coordinate(String, f64),
+    Ignored,
 }
 
 impl MotionTable {
     /// Reads a motion file for a model; the ending decides the format.
     ///
     /// # Errors
-    /// A message with file and line if the header lacks `time`, a column is no coordinate of the model or has no
-    /// unit, a field is missing or no finite number, or time does not increase.
+    /// A message with file and line if the header lacks `time`, a column is not a coordinate of the model or has no
+    /// unit, a field is missing or not a finite number, or time does not increase.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
         Self::from_file(&SourceFile::read(path)?, model)
     }
 
     /// [`MotionTable::load`] of a file that is read already.
     pub fn from_file(file: &SourceFile, model: &Model) -> Result<Self> {
-        let path = &file.path;
-        let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-        match ending {
-            "csv" => Self::from_csv(file, model),
-            "mot" | "sto" => Self::from_storage(file, model),
-            _ => Err(file.error(
-                None,
-                format!("{}: unknown kind of motion file `.{ending}`", path.display()),
-                "",
-                Some("a motion is a .csv, .mot or .sto file".to_owned()),
-            )),
-        }
+        let ending = file.path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+        let refused = |message: String, help: &str| Err(file.error(None, message, "", Some(help.to_owned())));
+        let name = file.path.display();
+        let text = match ending.as_str() {
+            "csv" => TextTable::csv(file)?,
+            "mot" | "sto" => {
+                let text = TextTable::storage(file)?;
+                if text.in_degrees.is_none() {
+                    let help = "add the line inDegrees=yes or inDegrees=no above `endheader`";
+                    return Err(at_line(file, 1, "the header does not say inDegrees", help));
+                }
+                text
+            }
+            "trc" | "c3d" => {
+                let help =
+                    "a motion is joint coordinates over time: let inverse kinematics make a .mot of the markers first";
+                return refused(format!("{name}: a .{ending} file holds positions of markers"), help);
+            }
+            _ => {
+                return refused(
+                    format!("{name}: unknown kind of motion file `.{ending}`"),
+                    "a motion is a .csv, .mot or .sto file",
+                );
+            }
+        };
+        Self::assemble(file, model, &text)
     }
 
-    fn from_csv(file: &SourceFile, model: &Model) -> Result<Self> {
-        let mut rows = Vec::new();
-        // Spreadsheets put a byte order mark first.
-        for (i, line) in file.text.trim_start_matches('\u{feff}').lines().enumerate() {
-            if !line.trim().is_empty() && !line.starts_with('#') {
-                rows.push(Row { line: i + 1, fields: line.split(',').map(str::trim).collect() });
-            }
-        }
-        Self::assemble(file, model, rows, None)
-    }
-
-    fn from_storage(file: &SourceFile, model: &Model) -> Result<Self> {
-        let mut in_degrees = None;
-        let mut body = None;
-        for (i, line) in file.text.lines().enumerate() {
-            let line = line.trim();
-            if line.eq_ignore_ascii_case("endheader") {
-                body = Some(i + 1);
-                break;
-            }
-            if let Some((key, value)) = line.split_once('=')
-                && key.trim().eq_ignore_ascii_case("inDegrees")
-            {
-                in_degrees = match value.trim().to_ascii_lowercase().as_str() {
-                    "yes" => Some(true),
-                    "no" => Some(false),
-                    other => {
-                        return Err(file.error(
-                            file.line_span(i + 1),
-                            format!("inDegrees={other}"),
-                            "here",
-                            Some("write inDegrees=yes or inDegrees=no".to_owned()),
-                        ));
-                    }
-                };
-            }
-        }
-        let Some(body) = body else {
-            return Err(file.error(
-                file.line_span(1),
-                "the header has no line `endheader`",
-                "the header begins here",
-                Some("an OpenSim storage file has a header that ends with the line `endheader`".to_owned()),
-            ));
-        };
-        let Some(in_degrees) = in_degrees else {
-            return Err(file.error(
-                file.line_span(1),
-                "the header does not say `inDegrees`",
-                "the header begins here",
-                Some("add the line inDegrees=yes or inDegrees=no above `endheader`".to_owned()),
-            ));
-        };
-        let rows = file
-            .text
-            .lines()
-            .enumerate()
-            .skip(body)
-            .filter(|(_, line)| !line.trim().is_empty())
-            .map(|(i, line)| Row { line: i + 1, fields: line.split_whitespace().collect() })
-            .collect();
-        Self::assemble(file, model, rows, Some(in_degrees))
-    }
-
-    /// `in_degrees` is what a storage header says; a CSV header has a unit in each name.
-    fn assemble(file: &SourceFile, model: &Model, rows: Vec<Row<'_>>, in_degrees: Option<bool>) -> Result<Self> {
-        let Some((header, rows)) = rows.split_first() else {
-            return Err(file.error(
-                None,
-                "the file holds no table",
-                "",
-                Some("the first row names the columns".into()),
-            ));
-        };
-        let coordinates = model.joint_coordinates();
-        let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
+    fn assemble(file: &SourceFile, model: &Model, text: &TextTable) -> Result<Self> {
+        let columns: Vec<Column> =
+            (text.names.iter()).map(|name| column_of(file, model, text, name)).collect::<Result<_>>()?;
+        check_columns(file, model, text, &columns)?;
         let forces = model.measured_forces();
-        // (column, force, axis)
-        let mut force_columns: Vec<(usize, usize, usize)> = Vec::new();
-        let mut time_column = None;
-        let mut wanted: Vec<(usize, String, f64)> = Vec::new();
-        for (index, field) in header.fields.iter().enumerate() {
-            if *field == "time" || (in_degrees.is_none() && *field == "time_s") {
-                time_column = Some(index);
-                continue;
-            }
-            let of_force = |(k, force): (usize, &&str)| {
-                let axis = field.strip_prefix(*force)?;
-                Some((k, ["_x_n", "_y_n", "_z_n"].iter().position(|ending| *ending == axis)?))
-            };
-            if let Some((force, axis)) = forces.iter().enumerate().find_map(of_force) {
-                force_columns.push((index, force, axis));
-                continue;
-            }
-            let (name, unit) = match in_degrees {
-                Some(_) => (*field, None),
-                None => match field.rsplit_once('_') {
-                    Some((name, unit @ ("deg" | "rad" | "m"))) => (name, Some(unit)),
-                    _ => (*field, None),
-                },
-            };
-            // OpenSim 4 writes /jointset/elbow/elbow_flexion/value.
-            let short = name.trim_end_matches("/value").rsplit('/').next().unwrap_or(name);
-            let Some(&(coordinate, angular)) = coordinates.iter().find(|(known, _)| *known == short) else {
-                if in_degrees.is_some() {
-                    continue; // storage files hold all coordinates of the subject: take those the model has
-                }
-                let near = crate::error::nearest(short, known.iter().copied());
-                let near = near.map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-                return Err(file.error(
-                    file.line_span(header.line),
-                    format!("the column `{field}` is no joint coordinate of the model `{}`", model.name),
-                    "in this header",
-                    Some(format!("{near}the model has: {}{}", known.join(", "), forces_said(&forces))),
-                ));
-            };
-            if wanted.iter().any(|(_, other, _)| other == coordinate) {
-                return Err(file.error(
-                    file.line_span(header.line),
-                    format!("the joint coordinate `{coordinate}` has two columns"),
-                    "in this header",
-                    Some("remove one of them".to_owned()),
-                ));
-            }
-            let factor = match (angular, in_degrees, unit) {
-                (true, Some(true), _) | (true, None, Some("deg")) => std::f64::consts::PI / 180.0,
-                (true, Some(false), _) | (true, None, Some("rad")) => 1.0,
-                (false, Some(_), _) | (false, None, Some("m")) => 1.0,
-                _ => {
-                    let units = if angular { "_deg or _rad" } else { "_m" };
-                    return Err(file.error(
-                        file.line_span(header.line),
-                        format!("the column `{field}` does not say its unit"),
-                        "in this header",
-                        Some(format!("name it `{coordinate}` with the ending {units}")),
-                    ));
-                }
-            };
-            wanted.push((index, coordinate.to_owned(), factor));
-        }
-        let Some(time_column) = time_column else {
-            return Err(file.error(
-                file.line_span(header.line),
-                "there is no column `time`",
-                "in this header",
-                Some("name the column that holds the seconds `time`".to_owned()),
-            ));
-        };
-        if wanted.is_empty() {
-            return Err(file.error(
-                file.line_span(header.line),
-                format!("no column is a joint coordinate of the model `{}`", model.name),
-                "in this header",
-                Some(format!("the model has: {}", known.join(", "))),
-            ));
-        }
+        let coordinates = columns.iter().filter_map(|column| match column {
+            Column::Coordinate(name, _) => Some((name.clone(), Vec::with_capacity(text.rows.len()))),
+            _ => None,
+        });
         let mut table = MotionTable {
-            time: Vec::with_capacity(rows.len()),
-            columns: wanted.iter().map(|(_, name, _)| (name.clone(), Vec::with_capacity(rows.len()))).collect(),
+            time: Vec::with_capacity(text.rows.len()),
+            columns: coordinates.collect(),
             forces: forces.iter().map(|name| ((*name).to_owned(), Default::default())).collect(),
+            notes: text.notes.clone(),
         };
-        for (k, force) in forces.iter().enumerate() {
-            let there = force_columns.iter().filter(|(_, other, _)| *other == k).count();
-            if there != 3 {
-                return Err(file.error(
-                    file.line_span(header.line),
-                    format!("the external force `{force}` has {there} of its three columns"),
-                    "in this header",
-                    Some(format!(
-                        "add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or give the force in the model"
-                    )),
-                ));
-            }
-        }
-        for row in rows {
-            let bad = |message: String, help: &str| {
-                Err(file.error(file.line_span(row.line), message, "in this row", Some(help.to_owned())))
-            };
-            if row.fields.len() != header.fields.len() {
-                return bad(
-                    format!("line {}: {} fields under {} columns", row.line, row.fields.len(), header.fields.len()),
-                    "each row has one field per column",
-                );
-            }
-            let number = |index: usize| row.fields[index].parse::<f64>().ok().filter(|v| v.is_finite());
-            let Some(time) = number(time_column) else {
-                return bad(
-                    format!("line {}: `{}` is no finite number", row.line, row.fields[time_column]),
-                    "time is in seconds",
-                );
-            };
-            if table.time.last().is_some_and(|&last| last >= time) {
-                return bad(
-                    format!(
-                        "line {}: time {time} s does not come after {} s",
-                        row.line,
-                        table.time[table.time.len() - 1]
-                    ),
-                    "sort the rows by time and remove repeated instants",
-                );
-            }
-            table.time.push(time);
-            for &(index, force, axis) in &force_columns {
-                let Some(value) = number(index) else {
-                    return bad(
-                        format!("line {}: `{}` is no finite number", row.line, row.fields[index]),
-                        "forces are in newtons",
-                    );
-                };
-                table.forces[force].1[axis].push(value);
-            }
-            for ((index, _, factor), (name, values)) in wanted.iter().zip(&mut table.columns) {
-                match number(*index) {
-                    Some(value) => values.push(value * factor),
-                    None => {
-                        return bad(
-                            format!(
-                                "line {}: `{}` in column `{name}` is no finite number",
-                                row.line, row.fields[*index]
-                            ),
-                            "fill gaps before: Sinew does not guess measurements",
-                        );
-                    }
-                }
-            }
+        for row in &text.rows {
+            table.add(file, row, &text.names, &columns)?;
         }
         if table.time.len() < 4 {
-            return Err(file.error(
-                file.line_span(header.line),
-                format!("the table has {} row(s)", table.time.len()),
-                "",
-                Some("a motion needs at least four instants".to_owned()),
-            ));
+            let message = format!("the table has {} row(s)", table.time.len());
+            return Err(text.error(file, message, "a motion needs at least four instants"));
         }
+        table.notes.extend(contradictions(&table, model));
         Ok(table)
+    }
+
+    fn add(&mut self, file: &SourceFile, row: &Row, names: &[String], columns: &[Column]) -> Result<()> {
+        let number = |index: usize, help: &str| {
+            let field = &row.fields[index];
+            field.parse::<f64>().ok().filter(|value| value.is_finite()).ok_or_else(|| {
+                let message =
+                    format!("line {}: `{field}` in column `{}` is not a finite number", row.line, names[index]);
+                let comma = field.contains(',') && field.replace(',', ".").parse::<f64>().is_ok();
+                at_line(
+                    file,
+                    row.line,
+                    message,
+                    if comma { "write decimals with a point: 0.25, not 0,25" } else { help },
+                )
+            })
+        };
+        let mut coordinate = 0;
+        for (index, column) in columns.iter().enumerate() {
+            match column {
+                Column::Time => {
+                    let time = number(index, "time is in seconds")?;
+                    if let Some(last) = self.time.last().filter(|last| **last >= time) {
+                        let message = format!("line {}: time {time} s does not come after {last} s", row.line);
+                        return Err(at_line(
+                            file,
+                            row.line,
+                            message,
+                            "sort the rows by time and remove repeated instants",
+                        ));
+                    }
+                    self.time.push(time);
+                }
+                Column::Force(force, axis) => {
+                    self.forces[*force].1[*axis].push(number(index, "forces are in newtons")?)
+                }
+                Column::Coordinate(_, factor) => {
+                    let value = number(index, "fill gaps before: Sinew does not guess measurements")?;
+                    self.columns[coordinate].1.push(value * factor);
+                    coordinate += 1;
+                }
+                Column::Ignored => {}
+            }
+        }
+        Ok(())
     }
 
     /// Values of a joint coordinate, rad or m.
@@ -308,6 +163,133 @@ impl MotionTable {
     pub fn duration(&self) -> f64 {
         self.time[self.time.len() - 1] - self.time[0]
     }
+}
+
+/// What the column of a name is.
+fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) -> Result<Column> {
+    let is_storage = text.in_degrees.is_some();
+    if field == "time" || (!is_storage && field == "time_s") {
+        return Ok(Column::Time);
+    }
+    let forces = model.measured_forces();
+    let of_force = |(k, force): (usize, &&str)| {
+        let axis = field.strip_prefix(*force)?;
+        Some((k, ["_x_n", "_y_n", "_z_n"].iter().position(|ending| *ending == axis)?))
+    };
+    if let Some((force, axis)) = forces.iter().enumerate().find_map(of_force) {
+        return Ok(Column::Force(force, axis));
+    }
+    let (name, unit) = match field.rsplit_once('_') {
+        Some((name, unit @ ("deg" | "rad" | "m"))) if !is_storage => (name, Some(unit)),
+        _ => (field, None),
+    };
+    // OpenSim 4 writes /jointset/elbow/elbow_flexion/value.
+    let short = name.trim_end_matches("/value").rsplit('/').next().unwrap_or(name);
+    let coordinates = model.joint_coordinates();
+    let Some(&(coordinate, angular)) = coordinates.iter().find(|(known, _)| *known == short) else {
+        if is_storage {
+            return Ok(Column::Ignored); // storage files hold all coordinates of the subject: take those the model has
+        }
+        let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
+        let near = nearest(short, known.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
+        let message = format!("the column `{field}` is not a joint coordinate of the model `{}`", model.name);
+        let help = format!("{near}the model has: {}{}", known.join(", "), forces_said(&forces));
+        return Err(text.error(file, message, &help));
+    };
+    let factor = match (angular, text.in_degrees, unit) {
+        (true, Some(true), _) | (true, None, Some("deg")) => std::f64::consts::PI / 180.0,
+        (true, Some(false), _) | (true, None, Some("rad")) => 1.0,
+        (false, Some(_), _) | (false, None, Some("m")) => 1.0,
+        _ => {
+            let units = if angular { "_deg or _rad" } else { "_m" };
+            let help = format!("name it `{coordinate}` with the ending {units}");
+            return Err(text.error(file, format!("the column `{field}` does not say its unit"), &help));
+        }
+    };
+    Ok(Column::Coordinate(coordinate.to_owned(), factor))
+}
+
+/// One column of time, at least one of a coordinate, no coordinate twice, all three of each force.
+fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[Column]) -> Result<()> {
+    let named = |wanted: &dyn Fn(&Column) -> bool| {
+        let found = columns.iter().zip(&text.names).enumerate().filter(|(_, (column, _))| wanted(column));
+        found.map(|(k, (_, name))| format!("{} (`{name}`)", k + 1)).collect::<Vec<String>>()
+    };
+    let times = named(&|column| matches!(column, Column::Time));
+    if times.is_empty() {
+        return Err(text.error(file, "there is no column `time`", "name the column that holds the seconds `time`"));
+    }
+    if times.len() > 1 {
+        let message = format!("columns {} are all the time", times.join(" and "));
+        return Err(text.error(file, message, "keep the one that holds the seconds"));
+    }
+    let coordinates = model.joint_coordinates();
+    let mut any = false;
+    for (coordinate, _) in &coordinates {
+        let own = named(&|column| matches!(column, Column::Coordinate(name, _) if name == coordinate));
+        any |= !own.is_empty();
+        if own.len() > 1 {
+            let message = format!("the joint coordinate `{coordinate}` has {} columns: {}", own.len(), own.join(", "));
+            return Err(text.error(file, message, "keep one of them"));
+        }
+    }
+    if !any {
+        let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
+        let message = format!("no column is a joint coordinate of the model `{}`", model.name);
+        return Err(text.error(file, message, &format!("the model has: {}", known.join(", "))));
+    }
+    for (k, force) in model.measured_forces().iter().enumerate() {
+        let there = named(&|column| matches!(column, Column::Force(own, _) if *own == k)).len();
+        if there != 3 {
+            let message = format!("the external force `{force}` has {there} of its three columns");
+            let help =
+                format!("add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or give the force in the model");
+            return Err(text.error(file, message, &help));
+        }
+    }
+    Ok(())
+}
+
+/// A column further than this (rad, m) from what the model says contradicts it.
+const CONTRADICTS: f64 = 1e-3;
+
+/// Columns of coordinates that are locked in the model, or that follow others, and say something else than the model.
+fn contradictions(table: &MotionTable, model: &Model) -> Vec<String> {
+    let Some(spatial) = model.spatial() else { return Vec::new() };
+    let skeleton = &spatial.skeleton;
+    let mut notes = Vec::new();
+    for coordinate in &skeleton.coordinates {
+        let Some(values) = table.column(&coordinate.name) else { continue };
+        let furthest = |own: &dyn Fn(usize) -> f64| {
+            values.iter().enumerate().map(|(i, value)| (value - own(i)).abs()).fold(0.0, f64::max)
+        };
+        let shown = |x: f64| {
+            if coordinate.is_angle { format!("{:.4}°", x.to_degrees()) } else { format!("{x:.4} m") }
+        };
+        let name = &coordinate.name;
+        if coordinate.locked {
+            let by = furthest(&|_| coordinate.default);
+            if by > CONTRADICTS {
+                let at = shown(coordinate.default);
+                notes.push(format!(
+                    "column `{name}` is ignored: the coordinate is locked at {at}, the column is up to {} off",
+                    shown(by)
+                ));
+            }
+        } else if let Some((leader, by_function)) = &coordinate.follows {
+            let leader = &skeleton.coordinates[*leader];
+            let given = table.column(&leader.name);
+            let by = furthest(&|i| by_function.at(given.map_or(leader.default, |values| values[i])));
+            if by > CONTRADICTS {
+                notes.push(format!(
+                    "column `{name}` is ignored: the coordinate follows `{}`, and the column is up to {} off (another unit?)",
+                    leader.name,
+                    shown(by)
+                ));
+            }
+        }
+    }
+    notes
 }
 
 fn forces_said(forces: &[&str]) -> String {

@@ -222,25 +222,31 @@ pub fn solve(problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettin
 
 /// [`solve`] with the symbolic factorisation of this problem at hand.
 ///
-/// What has not converged when the iterations are over, or is stuck, is begun anew with the plain interior point and as many iterations:
+/// What has not converged when the iterations are over, or is stuck, is begun anew with the plain interior point and as many iterations, unless
+/// the time is over; the better of the two answers counts:
 /// which of many flat ways the iteration goes down depends on it.
 pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>, settings: SqpSettings) -> SqpOutcome {
     kkt.deadline = settings.deadline;
     let start = start.into();
     let mut first = Sqp::new(kkt, problem, start.clone(), settings, false).run();
     let is_stuck = [SqpStatus::IterationLimit, SqpStatus::Stalled, SqpStatus::QpFailed].contains(&first.status);
-    if !is_stuck || settings.max_iterations < LEAST_TWICE {
+    if !is_stuck || settings.max_iterations < LEAST_TWICE || settings.deadline.passed() {
         return first;
     }
     if let Some(last) = first.trace.last_mut() {
         last.step_norm = distance(&last.x, &start.x);
     }
     let second = Sqp::new(kkt, problem, start, settings, true).run();
-    SqpOutcome {
-        trace: [first.trace, second.trace].concat(),
-        factorisations: first.factorisations + second.factorisations,
-        ..second
-    }
+    let error = |run: &SqpOutcome| Some(run.iterate.kkt_error().largest()).filter(|error| error.is_finite());
+    let is_better = match (error(&first), error(&second)) {
+        _ if second.status == SqpStatus::Converged => true,
+        (Some(first), Some(second)) => second <= first,
+        (first, _) => first.is_none(),
+    };
+    let trace = [&first.trace[..], &second.trace].concat();
+    let factorisations = first.factorisations + second.factorisations;
+    let better = if is_better { second } else { first };
+    SqpOutcome { trace, factorisations, ..better }
 }
 
 impl<'p> Sqp<'p> {

@@ -32,7 +32,10 @@ pub fn body(element: Element<'_>, notes: &mut Notes) -> Result<BodyEntry> {
     };
     let mass = element.number("mass")?;
     if mass.is_none() {
-        notes.changed(&format!("body {}", element.name()), format!("its file gives no mass: {MASS} kg, OpenSim's default"));
+        notes.changed(
+            &format!("body {}", element.name()),
+            format!("its file gives no mass: {MASS} kg, OpenSim's default"),
+        );
     }
     Ok(BodyEntry {
         name: element.name().to_owned(),
@@ -174,7 +177,8 @@ fn coordinates<'d>(reader: &Reader<'d>, joint: Element<'d>, notes: &mut Notes) -
             notes.changed(&format!("coordinate {name}"), lost);
         }
         let default = reader.number(*element, &["default_value"])?.unwrap_or(0.0);
-        Ok(CoordinateEntry { name, default, locked: element.flag("locked", false), follows: None })
+        let range = element.vector::<2>("range")?;
+        Ok(CoordinateEntry { name, default, locked: element.flag("locked", false), range, follows: None })
     };
     elements.iter().filter(|element| element.tag() == "Coordinate").map(coordinate).collect()
 }
@@ -188,7 +192,8 @@ fn complete(entry: &JointEntry, described: Vec<CoordinateEntry>, notes: &mut Not
     for left in described.iter().filter(|coordinate| !seen.contains(coordinate.name.as_str())) {
         notes.remark(&format!("coordinate {}", left.name), "left out: it moves nothing");
     }
-    let new = |name: &String| CoordinateEntry { name: name.clone(), default: 0.0, locked: false, follows: None };
+    let new =
+        |name: &String| CoordinateEntry { name: name.clone(), default: 0.0, locked: false, range: None, follows: None };
     let find = |name: &String| described.iter().find(|coordinate| coordinate.name == *name).cloned();
     used.into_iter().map(|name| find(name).unwrap_or_else(|| new(name))).collect()
 }

@@ -9,11 +9,24 @@ pub fn is_force(tag: &str) -> bool {
         || tag.starts_with("Blankevoort")
 }
 
-/// A force that is not a muscle.
-pub fn force(force: Element<'_>, notes: &mut Notes) {
-    let tag = force.tag();
+/// Forces that are not muscles, in one line a kind.
+pub fn forces<'d>(forces: impl Iterator<Item = Element<'d>>, notes: &mut Notes) {
+    let mut kinds: Vec<(&str, Vec<&str>)> = Vec::new();
+    for force in forces {
+        match kinds.iter_mut().find(|(tag, _)| *tag == force.tag()) {
+            Some((_, names)) => names.push(force.name()),
+            None => kinds.push((force.tag(), vec![force.name()])),
+        }
+    }
+    for (tag, names) in kinds {
+        notes.lost(&format!("{tag} {}", names.join(", ")), meaning(tag));
+    }
+}
+
+/// What it means that a kind of force is not there.
+fn meaning(tag: &str) -> &'static str {
     let has = |parts: &[&str]| parts.iter().any(|part| tag.contains(part));
-    let lost = if has(&["HuntCrossley", "ElasticFoundation", "HalfSpace", "Contact", "Meyer"]) {
+    if has(&["HuntCrossley", "ElasticFoundation", "HalfSpace", "Contact", "Meyer"]) {
         "left out: there are no contact forces; the force of the ground must come with the motion, as a [[force]]"
     } else if has(&["Actuator", "Motor"]) {
         "left out: there are no reserve or residual actuators, the muscles alone make the motion"
@@ -23,8 +36,7 @@ pub fn force(force: Element<'_>, notes: &mut Notes) {
         "left out: this kind of muscle is not supported; the other muscles make up for it"
     } else {
         "left out: this passive force is not supported; the muscles make up for it"
-    };
-    notes.lost(&format!("{tag} {}", force.name()), lost);
+    }
 }
 
 /// How many elements there are of each tag.

@@ -27,7 +27,8 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
             known.contains(name)
         });
         let before = muscle.path.len();
-        let is_fixed = |p: &PointEntry| p.when.is_none() && p.moves.is_none() && p.x.is_none() && p.y.is_none() && p.z.is_none();
+        let is_fixed =
+            |p: &PointEntry| p.when.is_none() && p.moves.is_none() && p.x.is_none() && p.y.is_none() && p.z.is_none();
         // With parts given by number, the numbers must go on to mean the same.
         if muscle.surfaces.iter().all(|obstacle| matches!(obstacle, ObstacleEntry::Any(_))) && before > 2 {
             muscle.path.dedup_by(|next, point| {
@@ -35,7 +36,10 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
             });
         }
         if muscle.path.len() < before {
-            notes.remark(&who, format!("{} point(s) of its path repeat the one before: left out", before - muscle.path.len()));
+            notes.remark(
+                &who,
+                format!("{} point(s) of its path repeat the one before: left out", before - muscle.path.len()),
+            );
         }
     }
 }
@@ -63,10 +67,9 @@ fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
         }
         return;
     }
-    if body.mass == 0.0 {
+    let massless = body.mass == 0.0;
+    if massless {
         body.mass = SMALL_MASS;
-        let had = if body.inertia == [0.0; 6] { "no mass" } else { "an inertia and no mass" };
-        notes.changed(&who, format!("it has {had}: {SMALL_MASS} kg are taken, since it moves by forces"));
     }
     if body.mass > 0.0 && !body.is_physical() {
         let [xx, yy, zz, ..] = body.inertia;
@@ -75,12 +78,21 @@ fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
         let none = (0..3).filter(|&i| own[i] != body.inertia[i]).map(|i| ["x", "y", "z"][i]).collect::<Vec<_>>();
         if none.is_empty() {
             notes.changed(&who, "its inertia makes no positive definite matrix: products of inertia are ignored");
-        } else {
-            let about = none.join(" and ");
-            let lost = format!("its inertia about {about} is none: {small:.2e} kg m² is taken, which acts only where it turns that way");
+        } else if !massless {
+            let about = none.join(", ");
+            let lost = format!(
+                "no inertia about {about}: {small:.1e} kg m² is taken, which acts only where it turns that way"
+            );
             notes.changed(&who, lost);
         }
         body.inertia = [own[0], own[1], own[2], 0.0, 0.0, 0.0];
+    }
+    if massless {
+        let least = body.inertia[..3].iter().fold(f64::INFINITY, |a, &b| a.min(b));
+        notes.changed(
+            &who,
+            format!("no mass: {SMALL_MASS} kg and {least:.1e} kg m² are taken, since it moves by forces"),
+        );
     }
 }
 

@@ -155,10 +155,11 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
     for owner in ground.chain(frames) {
         read.surface.extend(muscles::surfaces(&reader.frames, owner, &mut notes)?);
     }
-    for force in parts.forces.iter().copied() {
-        if !muscles::is_muscle(force) {
-            lost::force(force, &mut notes);
-        } else if !force.flag("appliesForce", true) || force.flag("isDisabled", false) {
+    let (muscles, others): (Vec<_>, Vec<_>) =
+        parts.forces.iter().copied().partition(|force| muscles::is_muscle(*force));
+    lost::forces(others.into_iter(), &mut notes);
+    for force in muscles {
+        if !force.flag("appliesForce", true) || force.flag("isDisabled", false) {
             notes.lost(&format!("muscle {}", force.name()), "left out: it is switched off in the model");
         } else {
             read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);

@@ -71,7 +71,10 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
         .either(&["GeometryPath"])
         .or_else(|| Some(element).filter(|e| e.child("PathPointSet").is_some() || e.child("MusclePointSet").is_some()))
     else {
-        return Err(element.error("the muscle has no <GeometryPath> (paths by functions are not supported)", "a path has an origin and an insertion"));
+        return Err(element.error(
+            "the muscle has no <GeometryPath> (paths by functions are not supported)",
+            "a path has an origin and an insertion",
+        ));
     };
     let points = path.objects(&["PathPointSet", "MusclePointSet"]);
     Ok(MuscleEntry {

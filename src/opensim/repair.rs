@@ -15,7 +15,9 @@ pub fn repaired(file: &SourceFile) -> Cow<'_, SourceFile> {
         rest = match rest {
             _ if rest.starts_with('&') => ampersand(rest, &mut out),
             _ if rest.starts_with("<!--") => comment(rest, &mut out),
-            _ if rest.starts_with("<![CDATA[") => copied(rest, rest.find("]]>").map_or(rest.len(), |end| end + 3), &mut out),
+            _ if rest.starts_with("<![CDATA[") => {
+                copied(rest, rest.find("]]>").map_or(rest.len(), |end| end + 3), &mut out)
+            }
             _ => tag(rest, &mut out),
         };
     }
@@ -79,7 +81,7 @@ mod tests {
             ("\u{feff}<a/>", "<a/>"),
         ] {
             assert_eq!(repaired(found), expected);
-            assert!(roxmltree::Document::parse(expected).is_ok() || !expected.starts_with("<a") , "{expected}");
+            assert!(roxmltree::Document::parse(expected).is_ok() || !expected.starts_with("<a"), "{expected}");
         }
     }
 }

@@ -183,6 +183,8 @@ pub struct CoordinateEntry {
     /// Stays at its default in a study.
     #[serde(default)]
     pub locked: bool,
+    /// What it is meant for (rad, m); a motion beyond is no error.
+    pub range: Option<[f64; 2]>,
     /// Another coordinate that it is a function of.
     pub follows: Option<FollowsEntry>,
 }
@@ -431,8 +433,14 @@ impl SkeletonFile {
                 }
                 Ok((leader, follows.by.check(&place("follows"))?))
             });
-            let (name, locked) = (entry.name.clone(), entry.locked);
-            Ok(Coordinate { name, is_angle, default: entry.default, locked, follows: follows.transpose()? })
+            Ok(Coordinate {
+                name: entry.name.clone(),
+                is_angle,
+                default: entry.default,
+                locked: entry.locked,
+                range: entry.range,
+                follows: follows.transpose()?,
+            })
         };
         self.coordinate.iter().zip(kinds).map(coordinate).collect()
     }
@@ -648,7 +656,9 @@ impl SurfaceEntry {
         let missing =
             |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("it has no `{key}`"), help);
         let radius = || {
-            let radius = self.radius.ok_or_else(|| missing("radius", "a sphere, a cylinder and the tube of a torus have a radius (m)"))?;
+            let radius = self
+                .radius
+                .ok_or_else(|| missing("radius", "a sphere, a cylinder and the tube of a torus have a radius (m)"))?;
             positive(&place("radius"), radius, "m").map(|()| radius)
         };
         let shape = match self.kind {
@@ -708,7 +718,8 @@ impl SurfaceEntry {
 impl MuscleEntry {
     /// A path has a length and no two points in a row at one place, where its direction would be none.
     fn check_length(&self) -> Checked<()> {
-        let fixed = |p: &PointEntry| p.when.is_none() && [&p.x, &p.y, &p.z].iter().all(|f| f.is_none()) && p.moves.is_none();
+        let fixed =
+            |p: &PointEntry| p.when.is_none() && [&p.x, &p.y, &p.z].iter().all(|f| f.is_none()) && p.moves.is_none();
         let same = |pair: &[PointEntry]| {
             pair.iter().all(fixed) && pair[0].body == pair[1].body && pair[0].point == pair[1].point
         };
@@ -717,7 +728,11 @@ impl MuscleEntry {
             Some(k) => {
                 let index = (k + 1).to_string();
                 let message = "the point is where the one before is: the path has no length between them";
-                Err(Issue::new(&["muscle", &self.name, "path", &index], message, "remove one of the two points, or mend its place"))
+                Err(Issue::new(
+                    &["muscle", &self.name, "path", &index],
+                    message,
+                    "remove one of the two points, or mend its place",
+                ))
             }
         }
     }

@@ -120,6 +120,8 @@ pub struct Coordinate {
     pub default: f64,
     /// Stays at its default in a study.
     pub locked: bool,
+    /// What it is meant for.
+    pub range: Option<[f64; 2]>,
     /// It is a function of another coordinate, which follows none.
     pub follows: Option<(usize, Function)>,
 }

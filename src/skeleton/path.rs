@@ -9,11 +9,11 @@
 
 use num_dual::Dual64;
 
-use super::{Muscle, Skeleton};
 use super::frame::{Frame, Vector, minus, norm, unit};
 use super::function::Function;
 use super::surface::Shape;
 use super::wrapping::{Placed, touches};
+use super::{Muscle, Skeleton};
 use crate::numerics::Scalar;
 
 /// Step of differences of lengths, rad or m.

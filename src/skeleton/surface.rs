@@ -332,7 +332,9 @@ mod tests {
                 let mut random = || [0; 3].map(|_| rng.random_range(-0.2..0.2));
                 let x: [Vector; 2] = [random(), random()];
                 let e = 1e-6;
-                let far = |x: &Vector| [1.0, 0.9].iter().all(|f| shape.wrap(&x.map(|x| f * x), &[1.0; 3], None) != Wrap::Inside);
+                let far = |x: &Vector| {
+                    [1.0, 0.9].iter().all(|f| shape.wrap(&x.map(|x| f * x), &[1.0; 3], None) != Wrap::Inside)
+                };
                 let Some((_, contact)) = length(shape, &x[0], &x[1]) else { continue };
                 // Not where the way changes sides, nor where contact comes and goes.
                 if !far(&x[0]) || !far(&x[1]) || contact.length < 1e-3 || contact.spread.kept < -0.3 {

@@ -180,7 +180,9 @@ impl<'m> Plan<'m> {
     fn check_moves(&self, name: &str) -> std::result::Result<(), Complaint> {
         let change = name.strip_prefix("motion.").unwrap_or("");
         let of = |(coordinate, _): &&(String, &str)| {
-            change.strip_prefix(coordinate.as_str()).is_some_and(|rest| rest == "_scale" || rest.starts_with("_offset_"))
+            change
+                .strip_prefix(coordinate.as_str())
+                .is_some_and(|rest| rest == "_scale" || rest.starts_with("_offset_"))
         };
         match self.unmoved.iter().find(of) {
             None => Ok(()),

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use polars::prelude::{
-    BatchedWriter, Column, DataFrame, DataType, KeyValueMetadata, NamedFrom, ParquetCompression, ParquetReader,
-    ParquetWriter, SerReader, Series,
+    BatchedWriter, Column, CompatLevel, DataFrame, DataType, KeyValueMetadata, NamedFrom, ParquetCompression,
+    ParquetReader, ParquetWriter, SchemaExt, SerReader, Series,
 };
+use polars_parquet::write::schema_to_metadata_key;
 
 use super::{Table, Values};
 use crate::error::{Error, Result};
@@ -66,7 +67,7 @@ impl Writer {
             let handle = file.try_clone().map_err(|e| Error::io("create", &self.partial, e))?;
             let writer = ParquetWriter::new(BufWriter::new(Output { file, failure: self.failure.clone() }))
                 .with_compression(ParquetCompression::Zstd(None))
-                .with_key_value_metadata(Some(KeyValueMetadata::from_static(self.metadata.clone())))
+                .with_key_value_metadata(Some(KeyValueMetadata::from_static(self.metadata_of(&frame))))
                 .batched(frame.schema())
                 .map_err(|e| Error::table("write", &self.path, e))?;
             self.file = Some((handle, writer));
@@ -74,6 +75,14 @@ impl Writer {
         let (_, writer) = self.file.as_mut().expect("made above");
         self.rows += table.rows();
         writer.write_batch(&frame).map_err(|e| self.failed(e))
+    }
+
+    /// The file's metadata, with a schema in which text is plain UTF-8: as string views, which polars says of its own, older readers do not open
+    /// it, and newer ones do not filter, sort or join.
+    fn metadata_of(&self, frame: &DataFrame) -> Vec<(String, String)> {
+        let plain = schema_to_metadata_key(&frame.schema().to_arrow(CompatLevel::oldest()));
+        let schema = plain.value.map(|value| (plain.key.to_string(), value.to_string()));
+        self.metadata.iter().cloned().chain(schema).collect()
     }
 
     /// Ends the file and puts it in its place. Returns its number of rows.
