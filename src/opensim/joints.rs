@@ -382,8 +382,11 @@ pub fn assign_roles(
             let mut moving = joint.rotations.iter().chain(&joint.translations).filter(|axis| !locked(&axis.coordinate));
             let still =
                 joint.kind == JointEntryKind::Weld || (joint.kind == JointEntryKind::Axes && moving.next().is_none());
+            let axes: Vec<&AxisEntry> = joint.rotations.iter().chain(&joint.translations).collect();
+            let own: std::collections::HashSet<&str> = axes.iter().map(|axis| axis.coordinate.as_str()).collect();
+            let is_free = axes.iter().all(|axis| axis.by.is_none()) && own.len() == axes.len();
             let freedoms = (joint.rotations.len(), joint.translations.len());
-            let floats = parent == GROUND && [(3, 3), (1, 2)].contains(&freedoms);
+            let floats = parent == GROUND && is_free && [(3, 3), (1, 2)].contains(&freedoms);
             if (still || floats) && !given.contains(&joint.child) {
                 given.push(joint.child.clone());
             }

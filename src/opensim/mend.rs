@@ -62,7 +62,7 @@ fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
     let who = format!("body {}", body.name);
     if body.role == Role::Given {
         // It moves as given, whatever its mass.
-        if !body.is_physical() {
+        if body.mass == 0.0 || !body.is_physical() {
             (body.mass, body.inertia) = (0.0, [0.0; 6]);
         }
         return;

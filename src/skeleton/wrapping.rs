@@ -98,8 +98,25 @@ impl<'p> Tracing<'p> {
         self.place(near);
         if self.surfaces.len() > 1 {
             self.settle();
+            for _ in 0..PLACINGS {
+                if !self.put_missed(near) {
+                    break;
+                }
+                self.settle();
+            }
         }
         self.touches
+    }
+
+    /// Puts on the path what it runs through now that it is taut; says whether there was anything.
+    fn put_missed(&mut self, near: &[Touch]) -> bool {
+        let before = self.touches.len();
+        for surface in 0..self.surfaces.len() {
+            if self.touches.iter().all(|touch| touch.surface != surface) {
+                self.put(surface, near);
+            }
+        }
+        self.touches.len() > before
     }
 
     /// Puts each surface where it belongs.

@@ -166,7 +166,7 @@ fn mistakes() -> Vec<Mistake> {
             "two axes for one thing",
             "[sweep.grid]",
             "[sweep.zip]\n'muscle.*.optimal_fibre_length_scale' = [1.1]\n'muscle.biceps.optimal_fibre_length_scale' = [1.2]\n[sweep.grid]",
-            &["both set muscle.biceps.optimal_fibre_length_scale", "[[sweep]]"],
+            &["both set muscle.biceps.optimal_fibre_length", "[[sweep]]"],
         ),
         study(
             "a misspelt condition",

@@ -97,6 +97,7 @@ fn failing_jobs_are_rows_with_a_status_and_a_reason() {
     let pedal = std::fs::read_to_string(super::support::root().join("data/models/pedal.toml")).unwrap();
     let text = r#"
 name = "failures"
+confirm = ["joint.pedal.child_point.0"]
 model = "pedal.toml"
 motion = "{root}/data/motions/pedal_turn.csv"
 [base]
@@ -138,7 +139,8 @@ mu = 0.02
     let job = &study.jobs[0];
     let outcome = solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points);
     assert_eq!(outcome.job.status, Status::Converged, "{:?}", outcome.job.error);
-    assert!(outcome.job.remark.unwrap().contains("too weak"));
+    assert_eq!(outcome.job.warnings.as_deref(), Some("saturated"));
+    assert!(outcome.job.remark.unwrap().contains("biceps"));
 }
 
 #[test]

@@ -23,6 +23,7 @@ name = "long"
 model = "{root}/data/models/arm.toml"
 motion = "{root}/data/motions/arm_curl.csv"
 [base]
+stages = 1
 trajectories = true
 [sweep.grid]
 bounds = ["activation", "both", "excitation"]

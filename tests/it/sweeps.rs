@@ -83,7 +83,7 @@ fn sweeps_expand_as_they_say() {
     let groups = load("grammar/groups.toml");
     assert_eq!(words(&groups, &groups.jobs[1]), "mass_scale=0.9 mass_scale=0.9 time_scale=2 h=0.4");
     let list = load("grammar/list.toml");
-    assert_eq!(words(&list, &list.jobs[3]), "mu=0.2 bounds=both stages=1 max_isometric_force_scale=0.5");
+    assert_eq!(words(&list, &list.jobs[3]), "mu=0.2 bounds=both stages=3 max_isometric_force_scale=0.5");
 
     let several = load("grammar/several.toml");
     assert_eq!(several.repeated, 1, "mu = 0.2 with both bounds is of the first sweep already");
@@ -169,7 +169,7 @@ fn labels_are_what_a_job_has_and_conditions_look_at_that() {
     // What the midpoint rule does not look at makes no second job.
     assert_eq!(swept("[sweep.grid]\nscheme = ['midpoint']\nstages = [1, 2, 3]").jobs.len(), 1);
     assert_eq!(
-        swept("[sweep.grid]\nmeasurement_ratio = [2, 3]\n[[sweep.when]]\nmeasurement_ratio = 2").jobs[0].id,
+        swept("[sweep.grid]\nmeasurement_ratio = [3, 6]\n[[sweep.when]]\nmeasurement_ratio = 6").jobs[0].id,
         swept("[sweep.grid]\nmu = [0.2]").jobs[0].id
     );
 }
