@@ -139,7 +139,7 @@ mu = 0.02
     let job = &study.jobs[0];
     let outcome = solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points);
     assert_eq!(outcome.job.status, Status::Converged, "{:?}", outcome.job.error);
-    assert_eq!(outcome.job.warnings.as_deref(), Some("saturated"));
+    assert!(outcome.job.warnings.unwrap().contains("saturated"));
     assert!(outcome.job.remark.unwrap().contains("biceps"));
 }
 

@@ -299,7 +299,6 @@ fn untrusted_models_get_an_error_and_no_time() {
             arm.replacen("/bodyset/fore</socket_child_frame>", "/bodyset/upper</socket_child_frame>", 1),
             "child of two joints",
         ),
-        ("no force", arm.replacen("<max_isometric_force>500</max_isometric_force>", "", 1), "max_isometric_force"),
         ("one point", format!("{}{}", &arm[..second], &arm[after..]), "fewer than two points"),
     ];
     let mut slow = Vec::new();

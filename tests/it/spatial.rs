@@ -240,7 +240,7 @@ fn the_command_reads_poses_and_writes_csv_and_parquet() {
     assert_eq!((parquet.rows(), parquet.integer("pose", 71)), (72, Some(1)));
     for (poses, says) in [
         ("shoulder_elev_deg\n1\n", "did you mean `shoulder_elv_deg`"),
-        ("shoulder_elv_m\n1\n", "no coordinate"),
+        ("shoulder_elv_m\n1\n", "not a coordinate"),
         ("shoulder_elv_deg\nmany\n", "line 2"),
         ("shoulder_elv_deg\n1,2\n", "line 2"),
         ("a,b\n1,2\n", "no column is a coordinate"),
@@ -267,7 +267,7 @@ fn mistakes_in_spatial_models_are_named() {
         ("child = \"ulna\"", "child = \"scapula\"", &["is the child of two joints"]),
         ("parent = \"ulna\"", "parent = \"hand\"", &["does not hang on the ground"]),
         ("dimensions = 3", "dimensions = 2", &["dimensions", "found 2"]),
-        ("name = \"pro_sup\"", "name = \"supination\"", &["there is not a coordinate `pro_sup`"]),
+        ("name = \"pro_sup\"", "name = \"supination\"", &["there is no coordinate `pro_sup`"]),
         ("side = \"-y\"", "side = \"-z\"", &["found \"-z\"", "x, -x, y, -y"]),
         ("kind = \"sphere\"", "kind = \"spere\"", &["unknown variant `spere`", "did you mean `sphere`"]),
         ("surfaces = [\"TRI\"]", "surfaces = [{ name = \"TRI\", part = 9 }]", &["parts 0 to 3"]),

@@ -1,0 +1,346 @@
+//! No wrong number in silence: what is lost is said, what is doubtful has a warning, what did not converge has no verdict.
+
+use sinew::error::SourceFile;
+use sinew::mesh_error;
+use sinew::opensim::{Imported, Weight, import};
+use sinew::plausibility::KINDS;
+use sinew::solve::solve;
+use sinew::study::load_skeleton;
+use sinew::tables::{Table, read};
+
+use super::cli::{sinew, text};
+use super::support::{folder, root, study};
+
+/// A forearm on a hinge with a muscle; `more` goes among the model's own parts, `forces` among its forces.
+fn osim(more: &str, forces: &str, body: &str, joint: &str) -> String {
+    format!(
+        "<?xml version=\"1.0\"?>\n<OpenSimDocument Version=\"40000\"><Model name=\"m\">{more}
+<BodySet><objects><Body name=\"fore\">{body}</Body></objects></BodySet>
+<JointSet><objects>{joint}</objects></JointSet>
+<ForceSet><objects>{}{forces}</objects></ForceSet></Model></OpenSimDocument>",
+        muscle("flexor")
+    )
+}
+
+const BODY: &str = "<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0.018 0.002 0.018 0 0 0</inertia>";
+const HINGE: &str = "<PinJoint name=\"elbow\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/fore</socket_child_frame><coordinates><Coordinate name=\"elbow_angle\"><range>0 2</range></Coordinate></coordinates></PinJoint>";
+
+fn muscle(name: &str) -> String {
+    format!(
+        "<Thelen2003Muscle name=\"{name}\"><GeometryPath name=\"p\"><PathPointSet><objects>\
+         <PathPoint name=\"a\"><socket_parent_frame>/ground</socket_parent_frame><location>0.03 0.3 0</location></PathPoint>\
+         <PathPoint name=\"b\"><socket_parent_frame>/bodyset/fore</socket_parent_frame><location>0.015 -0.045 0</location></PathPoint>\
+         </objects></PathPointSet></GeometryPath><max_isometric_force>600</max_isometric_force>\
+         <optimal_fiber_length>0.13</optimal_fiber_length><tendon_slack_length>0.2</tendon_slack_length></Thelen2003Muscle>"
+    )
+}
+
+fn imported(text: String) -> Imported {
+    let file = SourceFile { path: "m.osim".into(), text };
+    import(&file).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
+}
+
+fn refused(text: String) -> String {
+    let error = import(&SourceFile { path: "m.osim".into(), text }).map(|_| ()).expect_err("it is refused");
+    format!("{:?}", miette::Report::new(error)).replace(['\n', '│'], " ").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn has_note(imported: &Imported, weight: Weight, what: &str, lost: &str) -> bool {
+    imported.notes.iter().any(|note| note.weight == weight && note.what.contains(what) && note.lost.contains(lost))
+}
+
+#[test]
+fn components_of_a_model_are_read_and_others_named() {
+    let components = format!(
+        "<components>{}<Body name=\"hand\">{BODY}</Body><WeldJoint name=\"wrist\"><socket_parent_frame>/bodyset/fore</socket_parent_frame>\
+         <socket_child_frame>/hand</socket_child_frame></WeldJoint><SmoothSphereHalfSpaceForce name=\"heel\"/><Gadget name=\"g\"/></components>",
+        muscle("in_components")
+    );
+    let found = imported(osim(&components, "", BODY, HINGE));
+    assert_eq!((found.file.muscle.len(), found.file.body.len(), found.file.joint.len()), (2, 2, 2));
+    // The ground is nothing that muscles make up for; what weighs most comes first.
+    let heel = &found.notes[0];
+    assert!(heel.weight == Weight::Lost && heel.what.contains("heel") && heel.lost.contains("ground"), "{heel:?}");
+    assert!(!heel.lost.contains("make up"));
+    assert!(has_note(&found, Weight::Lost, "Gadget", "not supported"));
+}
+
+#[test]
+fn what_opensim_writes_and_is_no_xml_is_read_all_the_same() {
+    let plain = osim("", "", BODY, HINGE);
+    let contact = "<HuntCrossleyForce name=\"foot\"><HuntCrossleyForce::ContactParametersSet><objects/></HuntCrossleyForce::ContactParametersSet></HuntCrossleyForce>";
+    let found = imported(osim("", contact, BODY, HINGE));
+    assert!(has_note(&found, Weight::Lost, "foot", "contact"));
+    for (from, to) in [
+        ("<BodySet>", "<credits>Smith & Jones</credits><BodySet>"),
+        ("<BodySet>", "<!-- one -- two --><BodySet>"),
+    ] {
+        assert_eq!(imported(plain.replace(from, to)).file.muscle.len(), 1, "{to}");
+    }
+    // Latin-1: bytes that are not UTF-8.
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = plain.replace("<BodySet>", "<credits>Mxller</credits><BodySet>").into_bytes();
+    let at = bytes.windows(6).position(|w| w == b"Mxller").unwrap();
+    bytes[at + 1] = 0xfc;
+    std::fs::write(folder.path().join("m.osim"), bytes).unwrap();
+    let read = import(&SourceFile::read(&folder.path().join("m.osim")).unwrap()).unwrap();
+    assert!(read.file.source.unwrap().contains("Müller"));
+}
+
+#[test]
+fn bodies_without_an_inertia_or_a_mass_are_mended_with_a_note() {
+    for (body, lost) in [
+        ("<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0 0 0 0 0 0</inertia>", "no inertia about x, y, z"),
+        ("<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0 0 0.018 0 0 0</inertia>", "no inertia about x, y"),
+        ("<mass>0</mass><mass_center>0 0 0</mass_center><inertia>0 0 0 0 0 0</inertia>", "no mass"),
+        ("<mass_center>0 -0.17 0</mass_center><inertia>0.01 0.01 0.018 0 0 0</inertia>", "1 kg"),
+    ] {
+        let found = imported(osim("", "", body, HINGE));
+        assert!(has_note(&found, Weight::Changed, "body fore", lost), "{lost}: {:?}", found.notes);
+        assert!(found.file.check().unwrap().check_study().is_ok());
+        assert_eq!(found.file.body[0].inertia[2] > 0.0 && found.file.body[0].mass > 0.0, true);
+    }
+}
+
+#[test]
+fn joints_are_what_they_are_or_an_error_that_names_them() {
+    let said = refused(osim("", "", BODY, &HINGE.replace("PinJoint", "EllipsoidJoint")));
+    assert!(said.contains("EllipsoidJoint `elbow`") && said.contains("CustomJoint"), "{said}");
+    // An empty function is the coordinate itself.
+    let axis = |k: usize, name: &str, axis: &str| {
+        let (coordinate, function) =
+            if k == 2 { ("elbow_angle", "<function/>") } else { ("", "<function><Constant><value>0</value></Constant></function>") };
+        format!("<TransformAxis name=\"{name}\"><coordinates>{coordinate}</coordinates><axis>{axis}</axis>{function}</TransformAxis>")
+    };
+    let names = ["rotation1", "rotation2", "rotation3", "translation1", "translation2", "translation3"];
+    let directions = ["1 0 0", "0 1 0", "0 0 1", "1 0 0", "0 1 0", "0 0 1"];
+    let axes: String = (0..6).map(|k| axis(k, names[k], directions[k])).collect();
+    let custom = HINGE
+        .replace("PinJoint", "CustomJoint")
+        .replace("</coordinates></CustomJoint>", &format!("</coordinates><SpatialTransform>{axes}</SpatialTransform></CustomJoint>"));
+    let found = imported(osim("", "", BODY, &custom));
+    assert_eq!(found.file.joint[0].rotations.len(), 1);
+    assert!(found.file.joint[0].rotations[0].by.is_none());
+    // Two joints of one name.
+    let twice = format!("<components><Body name=\"hand\">{BODY}</Body></components>");
+    let second = HINGE.replace("/ground", "/bodyset/fore").replace("/bodyset/fore</socket_child", "/hand</socket_child").replace("elbow_angle", "wrist_angle");
+    let found = imported(osim(&twice, "", BODY, &format!("{HINGE}{second}")));
+    assert_eq!(found.file.joint.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>(), ["elbow", "elbow_2"]);
+    assert!(has_note(&found, Weight::Remark, "joint elbow", "elbow_2"));
+    // A pelvis of three planar coordinates is a floating base.
+    let planar = "<PlanarJoint name=\"pelvis\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/fore</socket_child_frame><coordinates><Coordinate name=\"tilt\"/><Coordinate name=\"tx\"/><Coordinate name=\"ty\"/></coordinates></PlanarJoint>";
+    let found = imported(osim("", "", BODY, planar));
+    assert_eq!(found.file.body[0].role, sinew::skeleton::Role::Given);
+}
+
+#[test]
+fn numbers_that_a_muscle_lacks_are_those_of_opensim_and_a_path_has_a_length() {
+    let lacking = osim("", "", BODY, HINGE)
+        .replace("<tendon_slack_length>0.2</tendon_slack_length>", "")
+        .replace("<max_isometric_force>600</max_isometric_force>", "");
+    let found = imported(lacking);
+    let flexor = &found.file.muscle[0];
+    assert_eq!((flexor.tendon_slack_length, flexor.max_isometric_force), (0.2, 1000.0));
+    assert!(has_note(&found, Weight::Changed, "flexor", "tendon_slack_length: 0.2 m"));
+    let zero = osim("", "", BODY, HINGE).replace("<tendon_slack_length>0.2", "<tendon_slack_length>0");
+    assert!(has_note(&imported(zero), Weight::Changed, "flexor", "rigid"));
+    let nil = osim("", "", BODY, HINGE)
+        .replace("/ground</socket_parent_frame><location>0.03 0.3 0", "/bodyset/fore</socket_parent_frame><location>0.015 -0.045 0");
+    assert!(refused(nil).contains("the path has no length between them"));
+}
+
+const LIFT: &str = "inDegrees=yes\nlift\nnRows=5\nendheader\ntime\telbow_angle\n0\t10\n0.1\t20\n0.2\t30\n0.3\t40\n0.4\t50\n";
+
+#[test]
+fn what_a_model_loses_is_said_wherever_a_study_names_it() {
+    let reserve = "<CoordinateActuator name=\"reserve\"><coordinate>elbow_angle</coordinate></CoordinateActuator>";
+    let model = osim("", reserve, BODY, HINGE);
+    let text_of_study = "name = 's'\nmodel = 'm.osim'\nmotion = 'lift.mot'\n[base]\nh = 0.1\nregularity = 'off'\n";
+    let folder = folder(&[("m.osim", &model), ("lift.mot", LIFT), ("study.toml", text_of_study)]);
+    for arguments in [&["check", "study.toml"][..], &["run", "study.toml"], &["check", "m.osim"], &["import", "m.osim"]] {
+        let run = sinew(arguments, folder.path());
+        let said = text(&run.stdout) + &text(&run.stderr);
+        assert!(said.contains("CoordinateActuator reserve"), "{arguments:?}: {said}");
+    }
+    // --strict is about what is lost only.
+    let strict = |model: &str| {
+        std::fs::write(folder.path().join("n.osim"), model).unwrap();
+        let _ = std::fs::remove_file(folder.path().join("n.toml"));
+        sinew(&["import", "n.osim", "--strict"], folder.path()).status.code()
+    };
+    assert_eq!((strict(&model), strict(&osim("", "", BODY, HINGE))), (Some(2), Some(0)));
+}
+
+#[test]
+fn a_study_in_which_nothing_moves_is_refused_and_given_muscles_stop_none() {
+    let locked = HINGE.replace("<range>0 2</range>", "<locked>true</locked>");
+    let skeleton = |text: String| load_skeleton(&SourceFile { path: "m.osim".into(), text }).unwrap().1;
+    let issue = skeleton(osim("", "", BODY, &locked)).check_study().unwrap_err();
+    assert!(issue.message.contains("nothing moves by forces"), "{issue:?}");
+    // A muscle between the ground and a body whose motion is given has a point that comes and goes: its length needs no derivatives.
+    let base = format!("<components><Body name=\"base\">{BODY}</Body></components>");
+    let free = "<FreeJoint name=\"free\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/base</socket_child_frame><coordinates><Coordinate name=\"c0\"/><Coordinate name=\"c1\"/><Coordinate name=\"c2\"/><Coordinate name=\"c3\"/><Coordinate name=\"c4\"/><Coordinate name=\"c5\"/></coordinates></FreeJoint>";
+    let conditional = muscle("given").replace("/bodyset/fore", "/base").replace(
+        "</objects></PathPointSet>",
+        "<ConditionalPathPoint name=\"c\"><socket_parent_frame>/base</socket_parent_frame><location>0.1 0 0</location><socket_coordinate>/jointset/elbow/elbow_angle</socket_coordinate><range>0 1</range></ConditionalPathPoint></objects></PathPointSet>",
+    );
+    let model = skeleton(osim(&base, &conditional, BODY, &format!("{HINGE}{free}")));
+    assert!(model.check_study().is_ok(), "{:?}", model.obstacles());
+    let on_moved = conditional.replace("/base", "/bodyset/fore");
+    let obstacles = skeleton(osim("", &on_moved, BODY, HINGE)).obstacles();
+    assert_eq!(obstacles.len(), 1, "{obstacles:?}");
+}
+
+#[test]
+fn check_lists_all_mistakes_and_all_obstacles() {
+    let arm = std::fs::read_to_string(root().join("data/models/arm.toml")).unwrap();
+    let wrong = arm.replacen("mass = ", "mass = -", 1).replacen("tendon_slack_length = ", "tendon_slack_length = -", 2).replacen("[[muscle]]\n", "[[muscle]]\ncolour = 3\n", 2);
+    let study = "name = 's'\nmodel = '{root}/data/models/arm.toml'\nmotion = '{root}/data/motions/arm_curl.csv'\n[base]\nh = -1\nmue = 3\nbounds = 'all'\n";
+    let folder = folder(&[("model.toml", &wrong), ("study.toml", study)]);
+    let said = |file: &str| text(&sinew(&["check", file], folder.path()).stderr);
+    assert_eq!(said("model.toml").matches("unknown field `colour`").count(), 2, "{}", said("model.toml"));
+    std::fs::write(folder.path().join("model.toml"), wrong.replace("colour = 3\n", "")).unwrap();
+    assert_eq!(said("model.toml").matches("must be a positive number").count(), 3, "{}", said("model.toml"));
+    for mistake in ["base.h", "unknown setting `mue`", "found \"all\""] {
+        assert!(said("study.toml").contains(mistake), "{mistake}: {}", said("study.toml"));
+    }
+    let kinds = sinew(&["check", root().join("tests/fixtures/osim/kinds_v4.osim").to_str().unwrap()], folder.path());
+    let listed = text(&kinds.stdout);
+    for obstacle in ["joint.knee_joint", "joint.rider_joint", "muscle.moving_line", "muscle.moving_curve"] {
+        assert!(listed.contains(obstacle), "{obstacle}: {listed}");
+    }
+}
+
+const ELBOW: &str = r#"
+name = "elbow"
+gravity = [0.0, -9.81]
+[[body]]
+name = "forearm"
+mass = 1.6
+centre_of_mass = [0.0, -0.17]
+inertia = 0.018
+[[joint]]
+name = "elbow"
+kind = "revolute"
+parent = "ground"
+parent_point = [0.0, -0.3]
+child = "forearm"
+coordinate = "elbow_angle"
+[[muscle]]
+name = "flexor"
+max_isometric_force = 800.0
+optimal_fibre_length = 0.09
+tendon_slack_length = 0.07
+path = [{ body = "ground", point = [0.015, -0.15] }, { body = "forearm", point = [0.012, -0.03] }]
+[[muscle]]
+name = "extensor"
+max_isometric_force = 900.0
+optimal_fibre_length = 0.11
+tendon_slack_length = 0.10
+path = [{ body = "ground", point = [-0.02, -0.10] }, { body = "forearm", point = [-0.02, 0.02] }]
+"#;
+
+/// A lift of the elbow from 10° to `to` in 0.8 s, as a storage file.
+fn lift(to: f64) -> String {
+    let mut text = "inDegrees=yes\nendheader\ntime elbow_angle\n".to_owned();
+    for k in 0..=80 {
+        let s = f64::from(k) / 80.0;
+        let smooth = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+        text.push_str(&format!("{} {}\n", 1.234 + 0.01 * f64::from(k), 10.0 + (to - 10.0) * smooth));
+    }
+    text
+}
+
+fn elbow_study(base: &str, sweep: &str, to: f64) -> tempfile::TempDir {
+    let text = format!("name = 'lift'\nmodel = 'elbow.toml'\nmotion = 'lift.mot'\n[base]\nh = 0.1\n{base}\n{sweep}\n");
+    folder(&[("elbow.toml", ELBOW), ("lift.mot", &lift(to)), ("study.toml", &text)])
+}
+
+fn run(folder: &tempfile::TempDir) -> (impl Fn(&'static str) -> Table, String) {
+    let done = sinew(&["run", "study.toml", "--out", "out", "--fresh"], folder.path());
+    let out = folder.path().join("out");
+    let said = text(&done.stdout) + &text(&done.stderr);
+    assert!(out.join("jobs.parquet").exists(), "{said}");
+    (move |name| read(name, &out.join(format!("{name}.parquet"))).unwrap(), said)
+}
+
+#[test]
+fn only_converged_jobs_have_verdicts() {
+    let (table, said) = run(&elbow_study("bounds = 'both_boxed'", "[sweep.grid]\nmax_iterations = [2, 300]\n[[ratio]]\nname = 'r'\nnumerator = 'flexor'\ndenominator = 'extensor'", 80.0));
+    let (regularity, muscles, ratios) = (table("regularity"), table("muscles"), table("ratios"));
+    for verdict in ["unique", "multipliers_unique", "answer_unique", "loads_unique"] {
+        assert_eq!((regularity.flag(verdict, 0), regularity.flag(verdict, 1).is_some()), (None, true), "{verdict}");
+    }
+    assert_eq!(regularity.text("null_space", 0), None);
+    for table in [&regularity, &muscles, &ratios] {
+        assert_eq!(table.text("status", 0), Some("iteration_limit"));
+    }
+    assert_eq!((muscles.number("mean_activation_low", 0), muscles.number("mean_activation_low", 2).is_some()), (None, true));
+    let sensitivities = table("sensitivities");
+    assert!((0..sensitivities.rows()).all(|row| sensitivities.text("job_id", row) == table("jobs").text("job_id", 1)));
+    assert!(said.contains("0 (iteration_limit)"), "{said}");
+}
+
+/// Each kind of warning on a job that deserves it, and none on one that does not; a limit may be set.
+#[test]
+fn every_kind_of_warning_is_given_where_it_belongs() {
+    let fine = run(&elbow_study("bounds = 'both_boxed'", "", 80.0));
+    assert_eq!(fine.0("jobs").text("warnings", 0), None, "{}", fine.1);
+    let weak = "'muscle.*.max_isometric_force_scale' = 0.08";
+    for (code, base, to) in [
+        ("tracking", "mu = 0.05\nbounds = 'both_boxed'\n'muscle.*.max_isometric_force_scale' = 0.07", 80.0),
+        ("saturated", &format!("mu = 0.05\nbounds = 'both_boxed'\n{weak}"), 80.0),
+        ("saturated", &format!("mu = 0.05\nbounds = 'both'\n{weak}"), 80.0),
+        ("passive", "bounds = 'both_boxed'\n'muscle.extensor.tendon_slack_length_scale' = 0.6", 80.0),
+        ("overload", "bounds = 'both_boxed'\n'muscle.extensor.tendon_slack_length_scale' = 0.1", 80.0),
+        ("fibre_length", "bounds = 'both_boxed'\n'muscle.flexor.tendon_slack_length_scale' = 2.2", 80.0),
+        ("fast_motion", "'motion.elbow_angle_scale' = 57.3\nmax_iterations = 1", 80.0),
+        ("mesh", "stages = 1\nh = 0.2\nbounds = 'both_boxed'", 110.0),
+        ("fibre_velocity", "bounds = 'both_boxed'\nwarn.fibre_velocity = 0.1", 80.0),
+    ] {
+        let (table, said) = run(&elbow_study(&base.replace("h = 0.2", ""), "", to));
+        let codes = table("jobs").text("warnings", 0).unwrap_or("").to_owned();
+        assert!(codes.split(", ").any(|found| found == code), "{code}: found `{codes}`, {said}");
+        assert!(said.contains(&format!("{code} (1)")) && table("jobs").text("remark", 0).unwrap().contains(code));
+        assert!(KINDS.iter().any(|kind| kind.code == code));
+    }
+    // A limit of one's own: nothing is said any more.
+    let quiet = run(&elbow_study(&format!("mu = 0.05\nbounds = 'both'\nwarn.saturated = 0.9\nwarn.mesh = 10\n{weak}\nwarn.tracking_deg = 1e3\nwarn.tracking_mm = 1e6"), "", 80.0));
+    assert_eq!(quiet.0("jobs").text("warnings", 0), Some("saturated"), "activations above 1 are said whatever the limit");
+}
+
+/// The estimate of the discretisation error within a factor of three of what refinement shows.
+#[test]
+fn val_mesh_errors_are_those_that_refinement_shows() {
+    let cases = [
+        ("arm", "arm_curl.csv", "0.2", 1),
+        ("arm", "arm_curl.csv", "0.1", 1),
+        ("arm", "arm_curl.csv", "0.05", 1),
+        ("arm", "arm_curl.csv", "0.2", 2),
+        ("pedal", "pedal_turn.csv", "0.05", 1),
+        ("pedal", "pedal_turn.csv", "0.025", 1),
+    ];
+    for (model, motion, h, stages) in cases {
+        let head = format!("name = 's'\nmodel = '{{root}}/data/models/{model}.toml'\nmotion = '{{root}}/data/motions/{motion}'\n[base]\nregularity = 'off'\nmeasurement_ratio = 8\n");
+        let sweep = format!("[[sweep.list]]\nh = {h}\nstages = {stages}\n[[sweep.list]]\nh = 0.025\nstages = 3\nmeasurement_ratio = {}\n", (8.0 * 0.025 / h.parse::<f64>().unwrap()).max(1.0));
+        let folder = folder(&[("study.toml", &format!("{head}{}", sweep.replace(".0\n", "\n")))]);
+        let (_, study) = study(&folder);
+        let outcome = |k: usize| {
+            let job = &study.jobs[k];
+            solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points).job
+        };
+        let (coarse, fine) = (outcome(0), outcome(1));
+        let (estimate, actual) = (coarse.effort_mesh_error.unwrap(), coarse.effort.unwrap() - fine.effort.unwrap());
+        println!("{model}, h = {h}, {stages} stage(s): effort {:.4}, error {actual:.5}, estimated {estimate:.5}", coarse.effort.unwrap());
+        assert!((1.0 / 3.0..3.0).contains(&(estimate / actual)), "{model} {h} {stages}: {estimate} for {actual}");
+    }
+    let _ = mesh_error::estimate; // what is under test
+}
+
+#[test]
+fn the_default_is_three_stages_in_the_plane_and_one_in_space() {
+    let planar = study(&elbow_study("", "", 80.0)).1;
+    assert_eq!((planar.base.stages, planar.jobs[0].settings.stages), (3, 3));
+    let folder = folder(&[("m.osim", &osim("", "", BODY, HINGE)), ("lift.mot", LIFT), ("study.toml", "name = 's'\nmodel = 'm.osim'\nmotion = 'lift.mot'\n")]);
+    assert_eq!(study(&folder).1.base.stages, 1);
+}
