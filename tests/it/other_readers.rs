@@ -1,43 +1,46 @@
-//! The tables opened by another reader than the one that wrote them.
+//! The tables opened by other readers than the one that wrote them.
 
+use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use sinew::run::{RunOptions, run};
 
-use super::support::{SMALL, folder, study};
+use super::support::{SMALL, folder, root, study};
 
-const SCRIPT: &str = r#"
-import sys, math
-import pyarrow.parquet as pq
-folder = sys.argv[1]
-jobs = pq.read_table(folder + "/jobs.parquet").to_pydict()
-assert len(jobs["job_id"]) == 6 and jobs["status"] == ["converged"] * 6, jobs["status"]
-assert jobs["mu"] == [0.1, 0.1, 0.2, 0.2, 0.4, 0.4], jobs["mu"]
-assert jobs["bounds"][:2] == ["activation", "both"]
-assert jobs["error"] == [None] * 6
-assert all(math.isfinite(v) for v in jobs["objective"])
-muscles = pq.read_table(folder + "/muscles.parquet").to_pydict()
-assert len(muscles["muscle"]) == 30 and set(map(type, muscles["idle"])) == {bool}
-metadata = pq.read_metadata(folder + "/jobs.parquet").metadata
-assert metadata[b"sinew.schema_version"] == b"3" and b"mu" in metadata[b"sinew.units"], metadata
-column = pq.ParquetFile(folder + "/jobs.parquet").metadata.row_group(0).column(0)
-assert column.compression == "ZSTD", column.compression
-print("read back by pyarrow")
-"#;
+/// Tables of [`SMALL`], and of the same study with whole numbers for μ.
+fn tables(folder: &tempfile::TempDir) -> [std::path::PathBuf; 2] {
+    let whole = SMALL.replace("mu = [0.1, 0.2, 0.4]", "mu = [1, 2]").replace("bounds = [\"activation\", \"both\"]", "bounds = [\"both\"]");
+    assert_ne!(whole, SMALL);
+    [SMALL.to_owned(), whole].map(|text| {
+        std::fs::write(folder.path().join("study.toml"), text.replace("{root}", root().to_str().unwrap())).unwrap();
+        let (_, study) = study(folder);
+        let out = folder.path().join(format!("out{}", study.jobs.len()));
+        let options = RunOptions { out: out.clone(), threads: Some(2), ..RunOptions::default() };
+        run(&study, &options, &AtomicBool::new(false)).unwrap();
+        out
+    })
+}
 
+/// With the readers that python3 has, and once more with the oldest pyarrow, where `.ci/install` has put it.
 #[test]
-fn pyarrow_reads_the_tables() {
-    let there = Command::new("python3").args(["-c", "import pyarrow"]).output().is_ok_and(|o| o.status.success());
-    if !there {
-        eprintln!("SKIPPED: pyarrow_reads_the_tables: python3 with pyarrow is not installed (pip install pyarrow)");
-        return;
-    }
+fn others_filter_sort_join_and_concatenate_the_tables() {
     let folder = folder(&[("study.toml", SMALL)]);
-    let (_, study) = study(&folder);
-    let out = folder.path().join("out");
-    run(&study, &RunOptions { out: out.clone(), threads: Some(2), ..RunOptions::default() }, &AtomicBool::new(false))
-        .unwrap();
-    let output = Command::new("python3").args(["-c", SCRIPT]).arg(&out).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let tables = tables(&folder);
+    let oldest = root().join("target/oldest_readers");
+    for (which, path) in [("newest", None), ("oldest", Some(oldest.as_path()))] {
+        let python = || {
+            let mut command = Command::new("python3");
+            path.map(|path: &Path| command.env("PYTHONPATH", path));
+            command
+        };
+        let there = python().args(["-c", "import pyarrow"]).output().is_ok_and(|o| o.status.success());
+        if !there || path.is_some_and(|path| !path.exists()) {
+            eprintln!("SKIPPED: the {which} pyarrow is not installed (.ci/install)");
+            continue;
+        }
+        let output = python().arg(root().join("tests/it/other_readers.py")).args(&tables).output().unwrap();
+        eprint!("{}", String::from_utf8_lossy(&output.stdout));
+        assert!(output.status.success(), "{which}: {}", String::from_utf8_lossy(&output.stderr));
+    }
 }
