@@ -100,10 +100,10 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
     let (least, most) = steps.fold((f64::INFINITY, 0.0f64), |(low, high), step| (low.min(step), high.max(step)));
     let even = if most - least > 1e-3 * mean { format!(", steps of {least:.6} to {most:.6} s") } else { String::new() };
     let mut out = format!(
-        "motion, {} coordinate(s) at {} instants: {start} to {:.6} s, {:.1} Hz{even}",
+        "motion, {} coordinate(s) at {} instants: {start} to {} s, {:.1} Hz{even}",
         table.columns.len(),
         table.time.len(),
-        start + duration,
+        table.time[table.time.len() - 1],
         1.0 / mean
     );
     let angles = model.joint_coordinates();

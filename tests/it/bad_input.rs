@@ -1,5 +1,8 @@
 //! Broken files: each gets a message with place and remedy, exit code 2, and no panic.
 
+use sinew::error::SourceFile;
+use sinew::motion::MotionTable;
+
 use super::cli::{sinew, text};
 use super::support::{SMALL, folder, root};
 
@@ -233,6 +236,54 @@ fn mistakes() -> Vec<Mistake> {
             &["line 4", "does not come after"],
         ),
         motion("no endheader", "m.mot", "inDegrees=yes\ntime elbow_angle\n0 1\n", &["m.mot:1", "endheader"]),
+        motion(
+            "a file cut in half",
+            "m.mot",
+            "nRows=5\ninDegrees=yes\nendheader\ntime elbow_angle shoulder_angle\n0 1 1\n1 1 1\n",
+            &["m.mot:1", "the header says 5 rows, and there are 2", "cut off"],
+        ),
+        motion(
+            "two columns of time",
+            "m.csv",
+            "time,time,shoulder_angle_deg,elbow_angle_deg\n0,0,1,2\n",
+            &["m.csv:1", "columns 1 (`time`) and 2 (`time`) are all the time"],
+        ),
+        motion(
+            "semicolons",
+            "m.csv",
+            "time;shoulder_angle_deg;elbow_angle_deg\n0;1,5;2\n",
+            &["m.csv:1", "separated by semicolons (`;`)", "0.25, not 0,25"],
+        ),
+        motion(
+            "decimal commas",
+            "m.csv",
+            "time,shoulder_angle_deg,elbow_angle_deg\n0,1,5,2\n",
+            &["m.csv:2", "4 fields under 3 columns", "decimals are written with a point"],
+        ),
+        motion(
+            "quoted decimal commas",
+            "m.csv",
+            "time,shoulder_angle_deg,elbow_angle_deg\n0,\"1,5\",2\n",
+            &["line 2", "`1,5`"],
+        ),
+        motion(
+            "positions of markers",
+            "m.trc",
+            "PathFileType 4 (X/Y/Z) m.trc\n",
+            &["holds positions of markers", "inverse kinematics"],
+        ),
+        study(
+            "an absolute value far from the model's own",
+            "mu = [0.1",
+            "\"muscle.triceps.max_isometric_force\" = [1.2",
+            &["times the model's own value", "max_isometric_force_scale", "confirm = ["],
+        ),
+        study(
+            "one number absolute and by a factor",
+            "[sweep.grid]",
+            "[sweep.grid]\n\"muscle.triceps.max_isometric_force\" = [1200, 1300]\n\"muscle.triceps.max_isometric_force_scale\" = [1, 1.1]",
+            &["muscle.triceps.max_isometric_force", "_scale"],
+        ),
         motion("no inDegrees", "m.sto", "name\nendheader\ntime elbow_angle\n0 1\n", &["m.sto:1", "inDegrees"]),
     ]
 }
@@ -275,4 +326,71 @@ fn opensim_tables_are_read_in_any_column_order() {
     let plan = sinew(&["plan", "study.toml"], folder.path());
     assert_eq!(plan.status.code(), Some(0), "{}", text(&plan.stderr));
     assert!(text(&plan.stdout).contains("5 instants"));
+}
+
+/// What spreadsheets, pandas and OpenSim add to a table changes nothing.
+#[test]
+fn tables_are_read_as_other_programs_write_them() {
+    let plain = "time,shoulder_angle_deg,elbow_angle_deg\n1.25,1,10\n1.5,1,20\n1.75,1,30\n2.25,1,40\n";
+    let rows = plain.lines().skip(1);
+    let index: String = rows.clone().enumerate().map(|(k, row)| format!("{k},{row}\n")).collect();
+    let trailing: String = plain.lines().map(|row| format!("{row},\n")).collect();
+    let storage: String = rows.map(|row| row.replace(',', "\t") + "\n").collect();
+    for (file, written) in [
+        ("m.csv", plain.to_owned()),
+        ("m.csv", format!("\u{feff}{plain}")),
+        ("m.csv", plain.replace('\n', "\r\n")),
+        ("m.csv", format!("# a comment\n{plain}")),
+        (
+            "m.csv",
+            format!(
+                "\"time\",\"shoulder_angle_deg\",\"elbow_angle_deg\"\n{}",
+                plain.split_once('\n').unwrap().1.replace("1,10", "\"1\",\"10\"")
+            ),
+        ),
+        ("m.csv", format!(",time,shoulder_angle_deg,elbow_angle_deg\n{index}")),
+        ("m.csv", trailing),
+        ("m.mot", format!("\u{feff}inDegrees=yes\nnRows=4\nendheader\ntime\tshoulder_angle\telbow_angle\n{storage}")),
+    ] {
+        let path = std::path::PathBuf::from(file);
+        let model = super::support::model("arm.toml");
+        let table = MotionTable::from_file(&SourceFile { path, text: written.clone() }, &model)
+            .unwrap_or_else(|e| panic!("{written}: {:?}", miette::Report::new(e)));
+        assert_eq!(table.time, [1.25, 1.5, 1.75, 2.25], "{written}");
+        let elbow = table.column("elbow_angle").unwrap();
+        assert!((elbow[3].to_degrees() - 40.0).abs() < 1e-12, "{written}");
+    }
+}
+
+/// The tables say the time of the file, and `check` what a motion holds.
+#[test]
+fn the_clock_of_the_file_is_kept() {
+    let mut table = "time,shoulder_angle_deg,elbow_angle_deg\n".to_owned();
+    (0..=40)
+        .for_each(|k| table.push_str(&format!("{},-5,{}\n", 1.234 + 0.025 * f64::from(k), 10.0 + 2.0 * f64::from(k))));
+    let mistake = motion("fine", "m.csv", &table, &[]);
+    let folder = folder(&[
+        (
+            "study.toml",
+            &mistake.study.replace("[0.1, 0.2, 0.4]", "[0.1]").replace("[base]", "[base]\ntrajectories = true"),
+        ),
+        ("m.csv", &table),
+    ]);
+    let check = text(&sinew(&["check", "study.toml"], folder.path()).stdout);
+    assert!(check.contains("1.234") && check.contains("elbow_angle") && check.contains("80.0°/s"), "{check}");
+    let run = sinew(&["run", "study.toml", "--out", "out"], folder.path());
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    let trajectories = sinew::tables::read("trajectories", &folder.path().join("out/trajectories.parquet")).unwrap();
+    assert_eq!(trajectories.number("time_s", 0), Some(1.234));
+}
+
+#[test]
+fn a_value_far_from_the_models_own_may_be_confirmed() {
+    let path = "muscle.triceps.max_isometric_force";
+    let study = SMALL.replace("mu = [0.1", &format!("\"{path}\" = [12000")).replace("0.2, 0.4", "13000");
+    let code = |text: &str| sinew(&["plan", "study.toml"], folder(&[("study.toml", text)]).path()).status.code();
+    assert_eq!(
+        (code(&study), code(&study.replacen("name =", &format!("confirm = ['{path}']\nname ="), 1))),
+        (Some(2), Some(0))
+    );
 }

@@ -42,7 +42,11 @@ fn imported(text: String) -> Imported {
 
 fn refused(text: String) -> String {
     let error = import(&SourceFile { path: "m.osim".into(), text }).map(|_| ()).expect_err("it is refused");
-    format!("{:?}", miette::Report::new(error)).replace(['\n', '│'], " ").split_whitespace().collect::<Vec<_>>().join(" ")
+    format!("{:?}", miette::Report::new(error))
+        .replace(['\n', '│'], " ")
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 fn has_note(imported: &Imported, weight: Weight, what: &str, lost: &str) -> bool {
@@ -71,10 +75,9 @@ fn what_opensim_writes_and_is_no_xml_is_read_all_the_same() {
     let contact = "<HuntCrossleyForce name=\"foot\"><HuntCrossleyForce::ContactParametersSet><objects/></HuntCrossleyForce::ContactParametersSet></HuntCrossleyForce>";
     let found = imported(osim("", contact, BODY, HINGE));
     assert!(has_note(&found, Weight::Lost, "foot", "contact"));
-    for (from, to) in [
-        ("<BodySet>", "<credits>Smith & Jones</credits><BodySet>"),
-        ("<BodySet>", "<!-- one -- two --><BodySet>"),
-    ] {
+    for (from, to) in
+        [("<BodySet>", "<credits>Smith & Jones</credits><BodySet>"), ("<BodySet>", "<!-- one -- two --><BodySet>")]
+    {
         assert_eq!(imported(plain.replace(from, to)).file.muscle.len(), 1, "{to}");
     }
     // Latin-1: bytes that are not UTF-8.
@@ -90,8 +93,14 @@ fn what_opensim_writes_and_is_no_xml_is_read_all_the_same() {
 #[test]
 fn bodies_without_an_inertia_or_a_mass_are_mended_with_a_note() {
     for (body, lost) in [
-        ("<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0 0 0 0 0 0</inertia>", "no inertia about x, y, z"),
-        ("<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0 0 0.018 0 0 0</inertia>", "no inertia about x, y"),
+        (
+            "<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0 0 0 0 0 0</inertia>",
+            "no inertia about x, y, z",
+        ),
+        (
+            "<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0 0 0.018 0 0 0</inertia>",
+            "no inertia about x, y",
+        ),
         ("<mass>0</mass><mass_center>0 0 0</mass_center><inertia>0 0 0 0 0 0</inertia>", "no mass"),
         ("<mass_center>0 -0.17 0</mass_center><inertia>0.01 0.01 0.018 0 0 0</inertia>", "1 kg"),
     ] {
@@ -108,22 +117,31 @@ fn joints_are_what_they_are_or_an_error_that_names_them() {
     assert!(said.contains("EllipsoidJoint `elbow`") && said.contains("CustomJoint"), "{said}");
     // An empty function is the coordinate itself.
     let axis = |k: usize, name: &str, axis: &str| {
-        let (coordinate, function) =
-            if k == 2 { ("elbow_angle", "<function/>") } else { ("", "<function><Constant><value>0</value></Constant></function>") };
-        format!("<TransformAxis name=\"{name}\"><coordinates>{coordinate}</coordinates><axis>{axis}</axis>{function}</TransformAxis>")
+        let (coordinate, function) = if k == 2 {
+            ("elbow_angle", "<function/>")
+        } else {
+            ("", "<function><Constant><value>0</value></Constant></function>")
+        };
+        format!(
+            "<TransformAxis name=\"{name}\"><coordinates>{coordinate}</coordinates><axis>{axis}</axis>{function}</TransformAxis>"
+        )
     };
     let names = ["rotation1", "rotation2", "rotation3", "translation1", "translation2", "translation3"];
     let directions = ["1 0 0", "0 1 0", "0 0 1", "1 0 0", "0 1 0", "0 0 1"];
     let axes: String = (0..6).map(|k| axis(k, names[k], directions[k])).collect();
-    let custom = HINGE
-        .replace("PinJoint", "CustomJoint")
-        .replace("</coordinates></CustomJoint>", &format!("</coordinates><SpatialTransform>{axes}</SpatialTransform></CustomJoint>"));
+    let custom = HINGE.replace("PinJoint", "CustomJoint").replace(
+        "</coordinates></CustomJoint>",
+        &format!("</coordinates><SpatialTransform>{axes}</SpatialTransform></CustomJoint>"),
+    );
     let found = imported(osim("", "", BODY, &custom));
     assert_eq!(found.file.joint[0].rotations.len(), 1);
     assert!(found.file.joint[0].rotations[0].by.is_none());
     // Two joints of one name.
     let twice = format!("<components><Body name=\"hand\">{BODY}</Body></components>");
-    let second = HINGE.replace("/ground", "/bodyset/fore").replace("/bodyset/fore</socket_child", "/hand</socket_child").replace("elbow_angle", "wrist_angle");
+    let second = HINGE
+        .replace("/ground", "/bodyset/fore")
+        .replace("/bodyset/fore</socket_child", "/hand</socket_child")
+        .replace("elbow_angle", "wrist_angle");
     let found = imported(osim(&twice, "", BODY, &format!("{HINGE}{second}")));
     assert_eq!(found.file.joint.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>(), ["elbow", "elbow_2"]);
     assert!(has_note(&found, Weight::Remark, "joint elbow", "elbow_2"));
@@ -144,12 +162,15 @@ fn numbers_that_a_muscle_lacks_are_those_of_opensim_and_a_path_has_a_length() {
     assert!(has_note(&found, Weight::Changed, "flexor", "tendon_slack_length: 0.2 m"));
     let zero = osim("", "", BODY, HINGE).replace("<tendon_slack_length>0.2", "<tendon_slack_length>0");
     assert!(has_note(&imported(zero), Weight::Changed, "flexor", "rigid"));
-    let nil = osim("", "", BODY, HINGE)
-        .replace("/ground</socket_parent_frame><location>0.03 0.3 0", "/bodyset/fore</socket_parent_frame><location>0.015 -0.045 0");
+    let nil = osim("", "", BODY, HINGE).replace(
+        "/ground</socket_parent_frame><location>0.03 0.3 0",
+        "/bodyset/fore</socket_parent_frame><location>0.015 -0.045 0",
+    );
     assert!(refused(nil).contains("the path has no length between them"));
 }
 
-const LIFT: &str = "inDegrees=yes\nlift\nnRows=5\nendheader\ntime\telbow_angle\n0\t10\n0.1\t20\n0.2\t30\n0.3\t40\n0.4\t50\n";
+const LIFT: &str =
+    "inDegrees=yes\nlift\nnRows=5\nendheader\ntime\telbow_angle\n0\t10\n0.1\t20\n0.2\t30\n0.3\t40\n0.4\t50\n";
 
 #[test]
 fn what_a_model_loses_is_said_wherever_a_study_names_it() {
@@ -157,7 +178,8 @@ fn what_a_model_loses_is_said_wherever_a_study_names_it() {
     let model = osim("", reserve, BODY, HINGE);
     let text_of_study = "name = 's'\nmodel = 'm.osim'\nmotion = 'lift.mot'\n[base]\nh = 0.1\nregularity = 'off'\n";
     let folder = folder(&[("m.osim", &model), ("lift.mot", LIFT), ("study.toml", text_of_study)]);
-    for arguments in [&["check", "study.toml"][..], &["run", "study.toml"], &["check", "m.osim"], &["import", "m.osim"]] {
+    for arguments in [&["check", "study.toml"][..], &["run", "study.toml"], &["check", "m.osim"], &["import", "m.osim"]]
+    {
         let run = sinew(arguments, folder.path());
         let said = text(&run.stdout) + &text(&run.stderr);
         assert!(said.contains("CoordinateActuator reserve"), "{arguments:?}: {said}");
@@ -194,7 +216,10 @@ fn a_study_in_which_nothing_moves_is_refused_and_given_muscles_stop_none() {
 #[test]
 fn check_lists_all_mistakes_and_all_obstacles() {
     let arm = std::fs::read_to_string(root().join("data/models/arm.toml")).unwrap();
-    let wrong = arm.replacen("mass = ", "mass = -", 1).replacen("tendon_slack_length = ", "tendon_slack_length = -", 2).replacen("[[muscle]]\n", "[[muscle]]\ncolour = 3\n", 2);
+    let wrong = arm
+        .replacen("mass = ", "mass = -", 1)
+        .replacen("tendon_slack_length = ", "tendon_slack_length = -", 2)
+        .replacen("[[muscle]]\n", "[[muscle]]\ncolour = 3\n", 2);
     let study = "name = 's'\nmodel = '{root}/data/models/arm.toml'\nmotion = '{root}/data/motions/arm_curl.csv'\n[base]\nh = -1\nmue = 3\nbounds = 'all'\n";
     let folder = folder(&[("model.toml", &wrong), ("study.toml", study)]);
     let said = |file: &str| text(&sinew(&["check", file], folder.path()).stderr);
@@ -268,7 +293,11 @@ fn run(folder: tempfile::TempDir) -> (impl Fn(&'static str) -> Table, String) {
 
 #[test]
 fn only_converged_jobs_have_verdicts() {
-    let (table, said) = run(elbow_study("bounds = 'both_boxed'", "[sweep.grid]\nmax_iterations = [2, 300]\n[[ratio]]\nname = 'r'\nnumerator = 'flexor'\ndenominator = 'extensor'", 80.0));
+    let (table, said) = run(elbow_study(
+        "bounds = 'both_boxed'",
+        "[sweep.grid]\nmax_iterations = [2, 300]\n[[ratio]]\nname = 'r'\nnumerator = 'flexor'\ndenominator = 'extensor'",
+        80.0,
+    ));
     let (regularity, muscles, ratios) = (table("regularity"), table("muscles"), table("ratios"));
     for verdict in ["unique", "multipliers_unique", "answer_unique", "loads_unique"] {
         assert_eq!((regularity.flag(verdict, 0), regularity.flag(verdict, 1).is_some()), (None, true), "{verdict}");
@@ -277,7 +306,10 @@ fn only_converged_jobs_have_verdicts() {
     for table in [&regularity, &muscles, &ratios] {
         assert_eq!(table.text("status", 0), Some("iteration_limit"));
     }
-    assert_eq!((muscles.number("mean_activation_low", 0), muscles.number("mean_activation_low", 2).is_some()), (None, true));
+    assert_eq!(
+        (muscles.number("mean_activation_low", 0), muscles.number("mean_activation_low", 2).is_some()),
+        (None, true)
+    );
     let sensitivities = table("sensitivities");
     assert!((0..sensitivities.rows()).all(|row| sensitivities.text("job_id", row) == table("jobs").text("job_id", 1)));
     assert!(said.contains("0 (iteration_limit)"), "{said}");
@@ -294,7 +326,11 @@ fn every_kind_of_warning_is_given_where_it_belongs() {
         ("saturated", &format!("mu = 0.05\nbounds = 'both_boxed'\n{weak}"), 80.0),
         ("saturated", &format!("mu = 0.05\nbounds = 'both'\n{weak}"), 80.0),
         ("passive", "bounds = 'both_boxed'\n'muscle.extensor.tendon_slack_length_scale' = 0.6", 80.0),
-        ("overload", "bounds = 'both_boxed'\nwarn.overload = 0.8\n'muscle.extensor.tendon_slack_length_scale' = 0.3", 80.0),
+        (
+            "overload",
+            "bounds = 'both_boxed'\nwarn.overload = 0.8\n'muscle.extensor.tendon_slack_length_scale' = 0.3",
+            80.0,
+        ),
         ("fibre_length", "bounds = 'both_boxed'\n'muscle.flexor.tendon_slack_length_scale' = 2.2", 80.0),
         ("fast_motion", "'motion.elbow_angle_scale' = 57.3\nmax_iterations = 1", 80.0),
         ("mesh", "stages = 1\nh = 0.2\nbounds = 'both_boxed'", 110.0),
@@ -307,8 +343,18 @@ fn every_kind_of_warning_is_given_where_it_belongs() {
         assert!(KINDS.iter().any(|kind| kind.code == code));
     }
     // A limit of one's own: nothing is said any more.
-    let quiet = run(elbow_study(&format!("mu = 0.05\nbounds = 'both'\nwarn.saturated = 0.9\nwarn.mesh = 10\n{weak}\nwarn.tracking_deg = 1e3\nwarn.tracking_mm = 1e6"), "", 80.0));
-    assert_eq!(quiet.0("jobs").text("warnings", 0), Some("saturated"), "activations above 1 are said whatever the limit");
+    let quiet = run(elbow_study(
+        &format!(
+            "mu = 0.05\nbounds = 'both'\nwarn.saturated = 0.9\nwarn.mesh = 10\n{weak}\nwarn.tracking_deg = 1e3\nwarn.tracking_mm = 1e6"
+        ),
+        "",
+        80.0,
+    ));
+    assert_eq!(
+        quiet.0("jobs").text("warnings", 0),
+        Some("saturated"),
+        "activations above 1 are said whatever the limit"
+    );
 }
 
 /// The estimate of the discretisation error within a factor of three of what refinement shows.
@@ -323,8 +369,13 @@ fn val_mesh_errors_are_those_that_refinement_shows() {
         ("pedal", "pedal_turn.csv", "0.025", 1),
     ];
     for (model, motion, h, stages) in cases {
-        let head = format!("name = 's'\nmodel = '{{root}}/data/models/{model}.toml'\nmotion = '{{root}}/data/motions/{motion}'\n[base]\nregularity = 'off'\nmeasurement_ratio = 8\n");
-        let sweep = format!("[[sweep.list]]\nh = {h}\nstages = {stages}\n[[sweep.list]]\nh = 0.025\nstages = 3\nmeasurement_ratio = {}\n", (8.0 * 0.025 / h.parse::<f64>().unwrap()).max(1.0));
+        let head = format!(
+            "name = 's'\nmodel = '{{root}}/data/models/{model}.toml'\nmotion = '{{root}}/data/motions/{motion}'\n[base]\nregularity = 'off'\nmeasurement_ratio = 8\n"
+        );
+        let sweep = format!(
+            "[[sweep.list]]\nh = {h}\nstages = {stages}\n[[sweep.list]]\nh = 0.025\nstages = 3\nmeasurement_ratio = {}\n",
+            (8.0 * 0.025 / h.parse::<f64>().unwrap()).max(1.0)
+        );
         let folder = folder(&[("study.toml", &format!("{head}{}", sweep.replace(".0\n", "\n")))]);
         let (_, study) = study(&folder);
         let outcome = |k: usize| {
@@ -333,7 +384,10 @@ fn val_mesh_errors_are_those_that_refinement_shows() {
         };
         let (coarse, fine) = (outcome(0), outcome(1));
         let (estimate, actual) = (coarse.effort_mesh_error.unwrap(), coarse.effort.unwrap() - fine.effort.unwrap());
-        println!("{model}, h = {h}, {stages} stage(s): effort {:.4}, error {actual:.5}, estimated {estimate:.5}", coarse.effort.unwrap());
+        println!(
+            "{model}, h = {h}, {stages} stage(s): effort {:.4}, error {actual:.5}, estimated {estimate:.5}",
+            coarse.effort.unwrap()
+        );
         assert!((1.0 / 3.0..3.0).contains(&(estimate / actual)), "{model} {h} {stages}: {estimate} for {actual}");
     }
     let _ = mesh_error::estimate; // what is under test
@@ -343,6 +397,39 @@ fn val_mesh_errors_are_those_that_refinement_shows() {
 fn the_default_is_three_stages_in_the_plane_and_one_in_space() {
     let planar = study(&elbow_study("", "", 80.0)).1;
     assert_eq!((planar.base.stages, planar.jobs[0].settings.stages), (3, 3));
-    let folder = folder(&[("m.osim", &osim("", "", BODY, HINGE)), ("lift.mot", LIFT), ("study.toml", "name = 's'\nmodel = 'm.osim'\nmotion = 'lift.mot'\n")]);
+    let folder = folder(&[
+        ("m.osim", &osim("", "", BODY, HINGE)),
+        ("lift.mot", LIFT),
+        ("study.toml", "name = 's'\nmodel = 'm.osim'\nmotion = 'lift.mot'\n"),
+    ]);
     assert_eq!(study(&folder).1.base.stages, 1);
+}
+
+/// A column that the model does not follow is named; a sweep of what is locked is refused.
+#[test]
+fn locked_and_dependent_coordinates_are_named() {
+    let second = HINGE
+        .replace("/ground", "/bodyset/fore")
+        .replace("/bodyset/fore</socket_child", "/hand</socket_child")
+        .replace("elbow", "wrist");
+    let locked = second.replace("<range>0 2</range>", "<locked>true</locked>");
+    let hand = format!("<components><Body name=\"hand\">{BODY}</Body></components>");
+    let text_of_study = "name = 's'\nmodel = 'm.osim'\nmotion = 'lift.mot'\n[base]\nh = 0.1\n";
+    let motion = LIFT
+        .replace("elbow_angle\n", "elbow_angle\twrist_angle\n")
+        .replace("0\n0", "0\t7\n0")
+        .replace("50\n", "50\t7\n");
+    let folder = folder(&[
+        ("m.osim", &osim(&hand, "", BODY, &format!("{HINGE}{locked}"))),
+        ("lift.mot", &motion),
+        ("study.toml", text_of_study),
+    ]);
+    let check = sinew(&["check", "study.toml"], folder.path());
+    let said = text(&check.stdout) + &text(&check.stderr);
+    assert!(said.contains("column `wrist_angle` is ignored") && said.contains("7.0000° off"), "{said}");
+    let sweep = format!("{text_of_study}[sweep.grid]\n'motion.wrist_angle_offset_deg' = [0, 5]\n");
+    std::fs::write(folder.path().join("study.toml"), sweep).unwrap();
+    let refused = sinew(&["check", "study.toml"], folder.path());
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("`wrist_angle` is locked"), "{}", text(&refused.stderr));
 }

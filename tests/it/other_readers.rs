@@ -10,7 +10,9 @@ use super::support::{SMALL, folder, root, study};
 
 /// Tables of [`SMALL`], and of the same study with whole numbers for μ.
 fn tables(folder: &tempfile::TempDir) -> [std::path::PathBuf; 2] {
-    let whole = SMALL.replace("mu = [0.1, 0.2, 0.4]", "mu = [1, 2]").replace("bounds = [\"activation\", \"both\"]", "bounds = [\"both\"]");
+    let whole = SMALL
+        .replace("mu = [0.1, 0.2, 0.4]", "mu = [1, 2]")
+        .replace("bounds = [\"activation\", \"both\"]", "bounds = [\"both\"]");
     assert_ne!(whole, SMALL);
     [SMALL.to_owned(), whole].map(|text| {
         std::fs::write(folder.path().join("study.toml"), text.replace("{root}", root().to_str().unwrap())).unwrap();

@@ -88,7 +88,10 @@ fn a_sphere_and_an_ellipsoid_with_a_side_are_passed_on_it() {
         }
     }
     // Off the sphere nothing wraps, whatever the side.
-    assert_eq!(Shape::Sphere { radius: 1.0, side: side(1, -1.0) }.wrap(&[-3.0, 1.5, 0.0], &[3.0, 1.5, 0.0], None), Wrap::Missed);
+    assert_eq!(
+        Shape::Sphere { radius: 1.0, side: side(1, -1.0) }.wrap(&[-3.0, 1.5, 0.0], &[3.0, 1.5, 0.0], None),
+        Wrap::Missed
+    );
 }
 
 /// A path over three points around several surfaces is as short as its contacts can be made, and cuts through none of its surfaces.
@@ -97,7 +100,8 @@ fn a_path_around_several_surfaces_is_taut() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
     let mut around_two = 0;
     for _ in 0..400 {
-        let mut place = |x: f64| Frame::placed([x, rng.random_range(-0.4..0.4), 0.0], [0.0, 0.0, rng.random_range(0.0..1.0)]);
+        let mut place =
+            |x: f64| Frame::placed([x, rng.random_range(-0.4..0.4), 0.0], [0.0, 0.0, rng.random_range(0.0..1.0)]);
         let frames = [place(-1.2), place(1.2)];
         let shapes = [
             Shape::Cylinder { radius: 0.7, side: None, length: f64::INFINITY },
@@ -113,7 +117,8 @@ fn a_path_around_several_surfaces_is_taut() {
         for (k, touch) in found.iter().enumerate() {
             let after = found.get(k + 1).map_or(points[1], |next| next.contact.first);
             let inward = frames[touch.surface].inverse();
-            let [a, first, last, b] = [&before, &touch.contact.first, &touch.contact.last, &after].map(|x| inward.point(x));
+            let [a, first, last, b] =
+                [&before, &touch.contact.first, &touch.contact.last, &after].map(|x| inward.point(x));
             let radius = if touch.surface == 0 { 0.7 } else { 0.5 };
             for (end, contact) in [(a, first), (b, last)] {
                 let normal = unit(&[contact[0], contact[1], 0.0]);
@@ -145,7 +150,9 @@ fn a_path_around_several_surfaces_is_taut() {
 fn model(points: [&str; 3], cylinder: &str, wrap: &str) -> Skeleton {
     let point = |(k, at): (usize, &&str)| {
         let body = if k == 2 { "/bodyset/b" } else { "/ground" };
-        format!("<PathPoint name=\"p{k}\"><socket_parent_frame>{body}</socket_parent_frame><location>{at}</location></PathPoint>")
+        format!(
+            "<PathPoint name=\"p{k}\"><socket_parent_frame>{body}</socket_parent_frame><location>{at}</location></PathPoint>"
+        )
     };
     let points: String = points.iter().enumerate().map(point).collect();
     let text = format!(
@@ -158,7 +165,9 @@ fn model(points: [&str; 3], cylinder: &str, wrap: &str) -> Skeleton {
 <PathWrapSet><objects><PathWrap name=\"pw\"><wrap_object>c</wrap_object>{wrap}</PathWrap></objects></PathWrapSet></GeometryPath></Thelen2003Muscle></objects></ForceSet>
 </Model></OpenSimDocument>"
     );
-    load_skeleton(&SourceFile { path: "m.osim".into(), text }).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e))).1
+    load_skeleton(&SourceFile { path: "m.osim".into(), text })
+        .unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
+        .1
 }
 
 fn length(model: &Skeleton) -> f64 {
@@ -190,10 +199,7 @@ fn a_point_inside_a_surface_and_the_range_of_a_wrap_leave_out_their_segments_onl
 #[test]
 fn moment_arms_through_a_torus_are_the_slopes_of_lengths() {
     let text = std::fs::read_to_string(root().join("tests/fixtures/osim/kinds_v4.osim")).unwrap();
-    let text = text.replace(
-        "<location>0.3 0 0.5</location>",
-        "<location>0.3 0.02 0.5</location>",
-    );
+    let text = text.replace("<location>0.3 0 0.5</location>", "<location>0.3 0.02 0.5</location>");
     let moved = text.replacen(
         "<PathPoint name=\"a\"><socket_parent_frame>/ground</socket_parent_frame><location>0.3 0 -0.5</location>",
         "<PathPoint name=\"a\"><socket_parent_frame>/bodyset/slide</socket_parent_frame><location>0.3 0 -0.5</location>",
@@ -222,7 +228,8 @@ fn moment_arms_through_a_torus_are_the_slopes_of_lengths() {
 fn csv(path: &Path) -> Vec<BTreeMap<String, String>> {
     let mut reader = csv::Reader::from_path(path).unwrap();
     let names = reader.headers().unwrap().clone();
-    let row = |record: csv::StringRecord| names.iter().map(str::to_owned).zip(record.iter().map(str::to_owned)).collect();
+    let row =
+        |record: csv::StringRecord| names.iter().map(str::to_owned).zip(record.iter().map(str::to_owned)).collect();
     reader.records().map(|record| row(record.unwrap())).collect()
 }
 
@@ -304,6 +311,7 @@ fn compare(
         }
     }
     println!("{name}: {} of {} muscles are off in some pose", off.len(), muscles.len());
-    let unnamed: Vec<&String> = off.iter().filter(|muscle| !known.contains(&(name.to_owned(), (*muscle).clone()))).collect();
+    let unnamed: Vec<&String> =
+        off.iter().filter(|muscle| !known.contains(&(name.to_owned(), (*muscle).clone()))).collect();
     assert!(unnamed.is_empty(), "{name}: {unnamed:?} differ from OpenSim and are not in tests/opensim_differences.csv");
 }
