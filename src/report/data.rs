@@ -8,6 +8,7 @@ use serde_json::{Map, Value as Json, json};
 use crate::compare::{Tolerances, Verdict, compare};
 use crate::error::{Error, Result};
 use crate::model::curves::{ForceVelocity, Jet, active_force_length, passive_force_length, tendon_force};
+use crate::plausibility::KINDS;
 use crate::run::manifest::Manifest;
 use crate::table1::THESIS;
 use crate::tables::{self, Table, Values, schema};
@@ -74,6 +75,7 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
         "base": manifest.base,
         "tables": found,
         "notes": notes,
+        "warnings": KINDS.map(|kind| json!({ "code": kind.code, "limit": kind.limit, "remedy": kind.remedy })),
         "thesis": THESIS.map(|(grid, bounds, a, aj)| json!({ "grid": grid, "bounds": bounds, "a": a, "aj": aj })),
         "curves": curves(),
         "beside": beside,

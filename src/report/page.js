@@ -99,13 +99,19 @@
   went.append(make('p', { id: 'counts' }, jobs.rows
     ? `${jobs.rows} of ${report.planned} job(s) finished: ${counts.join(', ')}. ${short(total('wall_s'))} s in all.`
     : `None of ${report.planned} job(s) has finished, or its tables are not made yet (sinew merge makes them): there is nothing to draw.`));
+  const doubtful = jobs.has('warnings') ? jobs.values('warnings').map((codes) => (codes ? codes.split(', ') : [])) : [];
+  if (doubtful.some((codes) => codes.length)) {
+    const warned = report.warnings.map(({ code, limit, remedy }) => [code, doubtful.filter((codes) => codes.includes(code)).length, limit, remedy]).filter(([, count]) => count);
+    went.append(make('p', { id: 'warnings', class: 'bad' }, `${doubtful.filter((codes) => codes.length).length} job(s) with warnings: converged is not plausible.`),
+      grid(null, ['warning', 'jobs', 'what is beyond its limit', 'what to do'], warned));
+  }
   for (const note of report.notes) went.append(make('p', { class: 'soft' }, note));
   const failures = [];
   for (let row = 0; row < jobs.rows; row++) if (jobs.at('error', row)) failures.push([jobLink(row), jobs.at('status', row), jobs.at('error', row)]);
   if (failures.length) went.append(grid(`${failures.length} failed job(s)${failures.length > 50 ? ', the first 50' : ''}`, ['job', 'status', 'reason'], failures.slice(0, 50).map(([link, ...rest]) => [make('td', {}, link), ...rest])));
   if (regularity.has('loads_unique')) {
-    const unique = regularity.values('loads_unique').filter(Boolean).length;
-    went.append(make('p', {}, `Muscle loads are unique in ${unique} of ${regularity.rows} job(s) whose ranks are known.`));
+    const verdicts = regularity.values('loads_unique').filter((verdict) => verdict !== null);
+    went.append(make('p', {}, `Muscle loads are unique in ${verdicts.filter(Boolean).length} of ${verdicts.length} converged job(s) with a verdict; each is on the optimum found, there may be others.`));
   }
 
   function jobLink(row) { return make('a', { href: `#job=${jobs.at('job_id', row)}` }, exact(jobs.at('index', row))); }
@@ -176,8 +182,8 @@
   // ---- the table of jobs --------------------------------------------------------------------------------------------------------
 
   const PAGE = 50;
-  const SHOWN = ['status', 'iterations', 'objective', 'effort', 'tracking_rms_m', 'tracking_rms_deg', 'max_activation', 'n_distinct_optima', 'solve_s', 'wall_s'].filter((name) => jobs.has(name));
-  const RANKS = ['deficiency_a', 'deficiency_aj', 'unique', 'loads_unique'].filter((name) => regularity.has(name));
+  const SHOWN = ['status', 'iterations', 'objective', 'effort', 'tracking_rms_m', 'tracking_rms_deg', 'max_activation', 'n_distinct_optima', 'solve_s', 'wall_s', 'warnings'].filter((name) => jobs.has(name));
+  const RANKS = ['deficiency_a', 'deficiency_aj', 'answer_unique', 'loads_unique'].filter((name) => regularity.has(name));
   const value = (row, name) => (RANKS.includes(name) ? now.of('regularity', row).map((r) => regularity.at(name, r))[0] ?? null : jobs.at(name, row));
   const shownColumns = ['index', ...report.axes.filter((axis) => jobs.has(axis)), ...SHOWN, ...RANKS];
   const view = { sort: 'index', down: false, filter: '', page: 0, job: null };

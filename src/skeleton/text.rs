@@ -7,7 +7,7 @@ use super::file::SkeletonFile;
 /// Columns of a line, at most, before a path is written a point a line.
 const WIDTH: usize = 120;
 
-/// TOML: a table an entry, what is as by default left away, `#` before each line of `comment`.
+/// TOML: a table an entry, defaults left out, `#` before each line of `comment`.
 pub fn text(file: &SkeletonFile, comment: &str) -> String {
     let table = Table::try_from(file).expect("a model is plain data");
     let mut out: String = comment.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n").collect();

@@ -13,7 +13,7 @@ pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
 pub const TABLES: [&str; 9] =
     ["jobs", "regularity", "iterations", "muscles", "ratios", "spectrum", "sensitivities", "optima", "trajectories"];
 
-/// Tables that are left away where they have no row, since a study has to ask for them.
+/// Tables that are left out where they have no row, since a study has to ask for them.
 pub const ON_REQUEST: [&str; 2] = ["ratios", "trajectories"];
 
 /// Columns of `jobs` before those of the axes, and the first after them.
