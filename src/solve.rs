@@ -9,6 +9,7 @@ use rand::{RngExt, SeedableRng};
 use crate::analysis::{Context, analyse};
 use crate::guess::start_guess;
 use crate::model::Model;
+use crate::model::assembly::CannotAssemble;
 use crate::motion::{Measurement, MotionSettings, MotionTable};
 use crate::nlp::deadline::Deadline;
 use crate::nlp::kkt::Kkt;
@@ -66,16 +67,7 @@ fn solve_timed(
 ) -> (Outcome, Option<Answer>) {
     let measurement = match motion_settings(settings).measure(table, model, points) {
         Ok(measurement) => measurement,
-        Err((time, gap)) => {
-            let reason = format!(
-                "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small \
-                 change of the pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
-                gap.joints.join(", "),
-                gap.gap,
-                gap.slope
-            );
-            return (Outcome::failed(Status::Infeasible, reason), None);
-        }
+        Err((time, gap)) => return (Outcome::failed(Status::Infeasible, open_joints(time, &gap)), None),
     };
     let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
     let instant = instant.within(Arc::new(motion_settings(settings).surroundings(table, model)));
@@ -98,19 +90,9 @@ fn solve_timed(
         starts.extend(rest.map(|k| disturb(&guess, scheme.as_ref(), model, settings.seed, k).into()));
     }
     let mut kkt = Kkt::new(&problem);
-    let solve = |kkt: &mut Kkt, start| sqp::solve_with(kkt, &problem, start, sqp_settings);
-    let mut runs: Vec<SqpOutcome> = Vec::with_capacity(starts.len());
-    for start in starts {
-        if !runs.is_empty() && deadline.passed() {
-            break;
-        }
-        runs.push(solve(&mut kkt, start));
-    }
     // A warm start that leads nowhere gives way to the one by inverse dynamics.
-    if is_warm && !deadline.passed() && runs.iter().all(|run| run.status != SqpStatus::Converged) {
-        let cold = guess().map(|guess| disturb(&guess, scheme.as_ref(), model, settings.seed, settings.first_start));
-        runs.extend(cold.map(|x| solve(&mut kkt, x.into())));
-    }
+    let cold = || guess().map(|guess| disturb(&guess, scheme.as_ref(), model, settings.seed, settings.first_start));
+    let runs = solve_all(&mut kkt, &problem, starts, is_warm.then_some(&cold as &dyn Fn() -> _), sqp_settings);
     let solve_s = solved.elapsed().as_secs_f64();
     let best = best(&runs);
     let run = &runs[best];
@@ -129,6 +111,38 @@ fn solve_timed(
     warn(&mut outcome, motion, model, settings);
     let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
     (outcome, answer)
+}
+
+/// Solves from each start, as far as the time reaches; if none converges, from the one in reserve.
+fn solve_all(
+    kkt: &mut Kkt,
+    problem: &Collocation<'_>,
+    starts: Vec<Start>,
+    reserve: Option<&dyn Fn() -> Option<Vec<f64>>>,
+    settings: SqpSettings,
+) -> Vec<SqpOutcome> {
+    let mut runs: Vec<SqpOutcome> = Vec::with_capacity(starts.len());
+    for start in starts {
+        if !runs.is_empty() && settings.deadline.passed() {
+            break;
+        }
+        runs.push(sqp::solve_with(kkt, problem, start, settings));
+    }
+    if !settings.deadline.passed() && runs.iter().all(|run| run.status != SqpStatus::Converged) {
+        let cold = reserve.and_then(|start| start());
+        runs.extend(cold.map(|x| sqp::solve_with(kkt, problem, x, settings)));
+    }
+    runs
+}
+
+fn open_joints(time: f64, gap: &CannotAssemble) -> String {
+    format!(
+        "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small change of the \
+         pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
+        gap.joints.join(", "),
+        gap.gap,
+        gap.slope
+    )
 }
 
 /// Adds the warnings, on the motion and on the answer.
