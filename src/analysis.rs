@@ -79,6 +79,7 @@ pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &[SqpOutcome], best: 
     if ranks_wanted && converged && deadline.passed() {
         let reason = "solved, but the time limit of the job passed before all ranks were taken; raise time_limit_s";
         (outcome.job.status, outcome.job.error) = (Status::TimeLimit, Some(reason.to_owned()));
+        withdraw(&mut outcome);
     }
     outcome
 }
@@ -94,7 +95,7 @@ fn add_ranks(
 ) {
     let Context { problem, scheme, measurement, settings, deadline } = *context;
     let setting = prediction_setting(problem.instant.model, scheme, measurement, settings);
-    let Some((mut row, spectrum, null_directions)) = regularity_rows(counter, problem, ranked_at, &setting) else {
+    let Some((row, spectrum, null_directions)) = regularity_rows(counter, problem, ranked_at, &setting) else {
         return;
     };
     if converged {
@@ -107,10 +108,24 @@ fn add_ranks(
         for (muscle, interval) in outcome.muscles.iter_mut().zip(intervals) {
             (muscle.mean_activation_low, muscle.mean_activation_high) = interval.unzip();
         }
-    } else {
-        (row.multipliers_unique, row.answer_unique, row.loads_unique, row.null_space) = (None, None, None, None);
     }
     (outcome.regularity, outcome.spectrum) = (Some(row), spectrum);
+    if !converged {
+        withdraw(outcome);
+    }
+}
+
+/// Takes away what only a converged job may say.
+fn withdraw(outcome: &mut Outcome) {
+    if let Some(row) = &mut outcome.regularity {
+        (row.multipliers_unique, row.answer_unique, row.loads_unique, row.null_space) = (None, None, None, None);
+    }
+    for muscle in &mut outcome.muscles {
+        (muscle.mean_activation_low, muscle.mean_activation_high) = (None, None);
+        muscle.mean_force_mesh_error_n = None;
+    }
+    outcome.sensitivities.clear();
+    outcome.job.effort_mesh_error = None;
 }
 
 /// How the answer follows parameters, where ranks are wanted, and how far it is off for the mesh.

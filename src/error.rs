@@ -113,7 +113,7 @@ const LATIN_1: [&str; 3] = ["osim", "mot", "sto"];
 const LONGEST_LINE: usize = 1000;
 
 impl SourceFile {
-    /// Reads a text file of at most [`LARGEST`]. OpenSim's files may be Latin-1, as many are.
+    /// Reads a text file of at most [`LARGEST`]. OpenSim's files may be Latin-1.
     ///
     /// # Errors
     /// If it cannot be read, is larger, or is not UTF-8.

@@ -238,11 +238,12 @@ const WINDOW: f64 = 0.02;
 /// The largest rate (1/s) and the range of values over time.
 pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, f64) {
     let (mut rate, mut after) = (0.0f64, 0);
+    let least = WINDOW.min(time[time.len() - 1] - time[0]);
     for (i, &t) in time.iter().enumerate() {
-        while after + 1 < time.len() && time[after] - t < WINDOW {
+        while after + 1 < time.len() && time[after] - t < least {
             after += 1;
         }
-        if time[after] > t {
+        if time[after] > t && time[after] - t >= least {
             rate = rate.max((values[after] - values[i]).abs() / (time[after] - t));
         }
     }
@@ -254,7 +255,9 @@ pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, f64) {
 pub fn of_motion(table: &MotionTable, model: &Model, settings: &Settings) -> Option<Warning> {
     let limits = &settings.warn;
     let coordinates = model.joint_coordinates();
+    let ignored = model.unmoved_coordinates();
     let found: Vec<String> = (table.columns.iter())
+        .filter(|(name, _)| !ignored.iter().any(|(known, _)| known == name))
         .filter_map(|(name, values)| {
             let is_angle = coordinates.iter().find(|(known, _)| known == name)?.1;
             let factor =

@@ -65,9 +65,16 @@ fn solve_timed(
     before: Option<&Answer>,
     clock: Clock,
 ) -> (Outcome, Option<Answer>) {
+    let motion = plausibility::of_motion(table, model, settings);
+    // A motion in another unit may be why.
+    let failed = |status, reason: &str| {
+        let mut outcome = Outcome::failed(status, reason);
+        warn(&mut outcome, motion.clone(), model, settings);
+        (outcome, None)
+    };
     let measurement = match motion_settings(settings).measure(table, model, points) {
         Ok(measurement) => measurement,
-        Err((time, gap)) => return (Outcome::failed(Status::Infeasible, open_joints(time, &gap)), None),
+        Err((time, gap)) => return failed(Status::Infeasible, &open_joints(time, &gap)),
     };
     let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
     let instant = instant.within(Arc::new(motion_settings(settings).surroundings(table, model)));
@@ -83,8 +90,7 @@ fn solve_timed(
     let is_warm = !starts.is_empty();
     if starts.len() < settings.starts {
         let Some(guess) = guess() else {
-            let reason = "the start guess by inverse dynamics is not finite";
-            return (Outcome::failed(Status::NonFinite, reason), None);
+            return failed(Status::NonFinite, "the start guess by inverse dynamics is not finite");
         };
         let rest = settings.first_start + starts.len()..settings.first_start + settings.starts;
         starts.extend(rest.map(|k| disturb(&guess, scheme.as_ref(), model, settings.seed, k).into()));
@@ -97,9 +103,7 @@ fn solve_timed(
     let best = best(&runs);
     let run = &runs[best];
     if run.status == SqpStatus::NonFinite {
-        let mut outcome = Outcome::failed(Status::NonFinite, "a function or derivative is not finite along the way");
-        warn(&mut outcome, plausibility::of_motion(table, model, settings), model, settings);
-        return (outcome, None);
+        return failed(Status::NonFinite, "a function or derivative is not finite along the way");
     }
 
     let ranked = Clock::now();
@@ -107,7 +111,6 @@ fn solve_timed(
     let mut outcome = analyse(&context, &mut kkt, &runs, best);
     outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
-    let motion = plausibility::of_motion(table, model, settings);
     warn(&mut outcome, motion, model, settings);
     let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
     (outcome, answer)

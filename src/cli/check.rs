@@ -136,6 +136,10 @@ fn lost_of_model(study: &Study) -> Result<String> {
     if !opensim::is_one(source) {
         return Ok(String::new());
     }
-    let list = super::import::listed(&opensim::import(source)?.notes);
+    let notes = opensim::import(source)?.notes;
+    if notes.is_empty() {
+        return Ok(String::new());
+    }
+    let list = super::import::listed(&notes);
     Ok(format!("\n{}:\n{list}", source.path.display()))
 }

@@ -62,6 +62,25 @@ pub fn listed(notes: &[Note]) -> String {
     out.trim_end().to_owned()
 }
 
+/// Says on the error stream what a model has lost, if it is an OpenSim model.
+pub fn say_lost(source: &SourceFile) -> Result<()> {
+    if !opensim::is_one(source) {
+        return Ok(());
+    }
+    let notes = opensim::import(source)?.notes;
+    let lost: Vec<Note> = notes.iter().filter(|note| note.weight == Weight::Lost).cloned().collect();
+    if !lost.is_empty() {
+        let name = source.path.display();
+        let mut said = format!("note: {name}: {}\n", listed(&lost));
+        let others = notes.len() - lost.len();
+        if others > 0 {
+            said.push_str(&format!("  and {others} thing(s) of less weight: `sinew check {name}` lists all\n"));
+        }
+        let _ = std::io::stderr().write_all(said.as_bytes());
+    }
+    Ok(())
+}
+
 fn comment(source: &SourceFile, notes: &[Note]) -> String {
     let mut comment = format!(
         "Imported from {} by sinew {}. m, kg, N, rad; frames as in OpenSim (x forward, y up, z right).\n",

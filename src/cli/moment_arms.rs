@@ -10,7 +10,9 @@ use crate::study::load_skeleton;
 use crate::tables::{Table, Values};
 
 pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8> {
-    let (_, skeleton) = load_skeleton(&SourceFile::read(model)?)?;
+    let model = SourceFile::read(model)?;
+    let (_, skeleton) = load_skeleton(&model)?;
+    super::import::say_lost(&model)?;
     let poses = read_poses(&SourceFile::read(poses)?, &skeleton)?;
     let table = table(&skeleton, &poses);
     let metadata = vec![("sinew.model".to_owned(), skeleton.name.clone())];
@@ -37,10 +39,17 @@ fn read_poses(file: &SourceFile, skeleton: &Skeleton) -> Result<Vec<Vec<f64>>> {
             let help = format!("{}the model has: {}", near.unwrap_or_default(), known.join(", "));
             return Err(text.error(file, format!("`{name}` is not a coordinate of `{}`", skeleton.name), &help));
         }
+        if let Some(before) = columns.iter().position(|own| found.is_some() && own.map(|c| c.0) == found.map(|c| c.0)) {
+            let message = format!("`{}` and `{name}` are columns of one coordinate", text.names[before]);
+            return Err(text.error(file, message, "keep one of them"));
+        }
         columns.push(found);
     }
     if columns.iter().all(Option::is_none) {
         return Err(text.error(file, "no column is a coordinate", "name columns like elbow_flexion_deg"));
+    }
+    if text.rows.is_empty() {
+        return Err(text.error(file, "there is no pose", "each row below the names is one"));
     }
     let pose = |row: &Row| {
         let mut pose = skeleton.default_pose();

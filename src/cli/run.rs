@@ -5,10 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::import::listed;
+use super::import::say_lost;
 use super::{FAILED_JOBS, GOOD, INTERRUPTED, print, show};
 use crate::error::Result;
-use crate::opensim::{self, Note, Weight};
 use crate::run::{Ended, RunOptions, collect, default_folder, run as run_study};
 use crate::study::Study;
 
@@ -63,22 +62,10 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
 
 /// What a user should know before the first job: columns that are not used, and what an OpenSim model loses.
 fn notes(study: &Study) -> Result<()> {
-    let say = |text: &str| {
-        let _ = writeln!(std::io::stderr(), "{text}");
-    };
-    study.motion.notes.iter().for_each(|note| say(&format!("note: {note}")));
-    let source = &study.sources.model;
-    if opensim::is_one(source) {
-        let notes = opensim::import(source)?.notes;
-        let lost: Vec<Note> = notes.iter().filter(|note| note.weight == Weight::Lost).cloned().collect();
-        if !lost.is_empty() {
-            let others = notes.len() - lost.len();
-            let name = source.path.display();
-            say(&format!("note: {name}: {}", listed(&lost)));
-            say(&format!("  and {others} thing(s) of less weight: `sinew check {name}` lists all"));
-        }
-    }
-    Ok(())
+    study.motion.notes.iter().for_each(|note| {
+        let _ = writeln!(std::io::stderr(), "note: {note}");
+    });
+    say_lost(&study.sources.model)
 }
 
 /// Makes the tables from what all shards have finished.

@@ -14,7 +14,7 @@ use crate::model::Model;
 /// Joint coordinates over time, in SI units (rad, m).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionTable {
-    /// s, increasing, at least two
+    /// s, increasing, at least four
     pub time: Vec<f64>,
     /// (name of the joint coordinate, one value per time)
     pub columns: Vec<(String, Vec<f64>)>,
@@ -96,6 +96,7 @@ impl MotionTable {
             let message = format!("the table has {} row(s)", table.time.len());
             return Err(text.error(file, message, "a motion needs at least four instants"));
         }
+        table.notes.extend(gap(&table.time));
         table.notes.extend(contradictions(&table, model));
         Ok(table)
     }
@@ -248,6 +249,21 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
         }
     }
     Ok(())
+}
+
+/// Steps this many times longer than the usual one are gaps.
+const GAP: f64 = 5.0;
+
+/// The longest gap of a motion, whose values in between are interpolated.
+fn gap(time: &[f64]) -> Option<String> {
+    let steps: Vec<(f64, f64)> = time.windows(2).map(|pair| (pair[1] - pair[0], pair[0])).collect();
+    let mut sorted: Vec<f64> = steps.iter().map(|step| step.0).collect();
+    sorted.sort_by(f64::total_cmp);
+    let usual = sorted[sorted.len() / 2];
+    let (longest, at) = steps.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (longest > GAP * usual).then(|| {
+        format!("nothing is measured between {at:.3} and {:.3} s, {:.0} times the usual step: what is between is a smooth curve", at + longest, longest / usual)
+    })
 }
 
 /// A column further than this (rad, m) from what the model says contradicts it.

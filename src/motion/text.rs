@@ -47,15 +47,17 @@ impl TextTable {
             rows.push(Row { line, fields: record.iter().map(str::to_owned).collect() });
         }
         let table = Self::of_rows(file, rows)?;
-        if let [name] = &table.names[..]
-            && let Some((separator, word)) =
-                [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(c, _)| name.contains(*c))
-        {
-            let message = format!("the columns are separated by {word} (`{separator}`)").replace('\t', "\\t");
-            let help = "save the file with commas between columns and points in numbers: 0.25, not 0,25";
-            return Err(at_line(file, table.line, message, help));
-        }
+        let help = "save the file with commas between columns and points in numbers: 0.25, not 0,25";
+        table.check_separator(file, &[(';', "semicolons"), ('\t', "tabs")], help)?;
         table.complete(file)
+    }
+
+    /// Refuses a table that is one column by its own separator, and several by another one.
+    fn check_separator(&self, file: &SourceFile, others: &[(char, &str)], help: &str) -> Result<()> {
+        let [name] = &self.names[..] else { return Ok(()) };
+        let Some((separator, word)) = others.iter().find(|(c, _)| name.contains(*c)) else { return Ok(()) };
+        let message = format!("the columns are separated by {word} (`{separator}`)").replace('\t', "\\t");
+        Err(at_line(file, self.line, message, help))
     }
 
     /// Reads an OpenSim storage file: a header that ends with the line `endheader`, then names and rows.
@@ -69,7 +71,7 @@ impl TextTable {
             let help = "an OpenSim storage file has a header that ends with the line `endheader`";
             return Err(at_line(file, 1, "the header has no line `endheader`", help));
         };
-        let mut in_degrees = None;
+        let mut in_degrees: Option<bool> = None;
         let mut count = None;
         for (i, line) in lines[..end].iter().enumerate() {
             let entry = line.split_once('=').or_else(|| line.trim().split_once(char::is_whitespace));
@@ -77,7 +79,14 @@ impl TextTable {
                 continue;
             };
             match key.as_str() {
-                "indegrees" => in_degrees = Some(yes_or_no(file, i + 1, value)?),
+                "indegrees" => {
+                    let found = yes_or_no(file, i + 1, value)?;
+                    if in_degrees.is_some_and(|before| before != found) {
+                        let help = "keep the one that holds";
+                        return Err(at_line(file, i + 1, "inDegrees is there twice, as yes and as no", help));
+                    }
+                    in_degrees = Some(found);
+                }
                 "nrows" | "datarows" => count = value.parse::<usize>().ok().map(|count| (i + 1, count)),
                 _ => {}
             }
@@ -87,7 +96,13 @@ impl TextTable {
             line: i + 1,
             fields: line.split_whitespace().map(str::to_owned).collect(),
         };
-        let mut table = Self::of_rows(file, rows.map(row).collect())?.complete(file)?;
+        let table = Self::of_rows(file, rows.map(row).collect())?;
+        table.check_separator(
+            file,
+            &[(';', "semicolons"), (',', "commas")],
+            "save the file with tabs or spaces between columns",
+        )?;
+        let mut table = table.complete(file)?;
         if let Some((line, count)) = count.filter(|(_, count)| *count != table.rows.len()) {
             let message = format!("the header says {count} rows, and there are {}", table.rows.len());
             let help = "is the file cut off? If not, mend the number in the header";

@@ -14,7 +14,7 @@ use crate::skeleton::function::FunctionEntry;
 
 const UNITS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// OpenSim's default, kg.
+/// Of a body whose file gives none, kg. DEPARTURE: OpenSim 4 has no default.
 const MASS: f64 = 1.0;
 
 pub fn body(element: Element<'_>, notes: &mut Notes) -> Result<BodyEntry> {
@@ -32,10 +32,7 @@ pub fn body(element: Element<'_>, notes: &mut Notes) -> Result<BodyEntry> {
     };
     let mass = element.number("mass")?;
     if mass.is_none() {
-        notes.changed(
-            &format!("body {}", element.name()),
-            format!("its file gives no mass: {MASS} kg, OpenSim's default"),
-        );
+        notes.changed(&format!("body {}", element.name()), format!("its file gives no mass: {MASS} kg is assumed"));
     }
     Ok(BodyEntry {
         name: element.name().to_owned(),

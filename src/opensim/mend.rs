@@ -29,12 +29,14 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
         let before = muscle.path.len();
         let is_fixed =
             |p: &PointEntry| p.when.is_none() && p.moves.is_none() && p.x.is_none() && p.y.is_none() && p.z.is_none();
-        // With parts given by number, the numbers must go on to mean the same.
-        if muscle.surfaces.iter().all(|obstacle| matches!(obstacle, ObstacleEntry::Any(_))) && before > 2 {
-            muscle.path.dedup_by(|next, point| {
-                is_fixed(next) && is_fixed(point) && next.body == point.body && next.point == point.point
-            });
-        }
+        let repeats = |point: &PointEntry, next: &PointEntry| {
+            is_fixed(next) && is_fixed(point) && next.body == point.body && next.point == point.point
+        };
+        // A path of two equal points is an error of its own.
+        let repeated: Vec<usize> =
+            (1..before).filter(|&k| before > 2 && repeats(&muscle.path[k - 1], &muscle.path[k])).collect();
+        repeated.iter().rev().for_each(|&k| drop(muscle.path.remove(k)));
+        muscle.surfaces.retain_mut(|obstacle| obstacle.renumber(&repeated));
         if muscle.path.len() < before {
             notes.remark(
                 &who,
@@ -46,14 +48,17 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
 
 /// Gives the second and later ones of a name a number.
 fn distinguish<'f>(kind: &str, names: impl Iterator<Item = &'f mut String>, notes: &mut Notes) {
+    let names: Vec<&mut String> = names.collect();
+    // What refers to a name that is there must go on to find it.
+    let mut taken: HashSet<String> = names.iter().map(|name| name.to_string()).collect();
     let mut seen = HashSet::new();
     for name in names {
         if seen.insert(name.clone()) {
             continue;
         }
-        let own = (2..).map(|k| format!("{name}_{k}")).find(|own| !seen.contains(own)).expect("numbers do not end");
-        notes.remark(&format!("{kind} {name}"), format!("the name is there twice: one is `{own}` here"));
-        seen.insert(own.clone());
+        let own = (2..).map(|k| format!("{name}_{k}")).find(|own| !taken.contains(own)).expect("numbers do not end");
+        notes.remark(&format!("{kind} {name}"), format!("the name occurs more than once; this one is `{own}`"));
+        taken.insert(own.clone());
         *name = own;
     }
 }
@@ -71,7 +76,8 @@ fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
     if massless {
         body.mass = SMALL_MASS;
     }
-    if body.mass > 0.0 && !body.is_physical() {
+    // A negative one is a mistake, not a lack.
+    if body.mass > 0.0 && !body.is_physical() && body.inertia[..3].iter().all(|&x| x >= 0.0) {
         let [xx, yy, zz, ..] = body.inertia;
         let small = body.mass * SMALL_RADIUS * SMALL_RADIUS;
         let own = [xx, yy, zz].map(|x| if x > 0.0 { x } else { small });

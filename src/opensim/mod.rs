@@ -157,10 +157,15 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
     }
     let (muscles, others): (Vec<_>, Vec<_>) =
         parts.forces.iter().copied().partition(|force| muscles::is_muscle(*force));
+    let is_off = |force: &Element<'_>| !force.flag("appliesForce", true) || force.flag("isDisabled", false);
+    let (off, others): (Vec<_>, Vec<_>) = others.into_iter().partition(is_off);
     lost::forces(others.into_iter(), &mut notes);
+    for force in off {
+        notes.remark(&format!("{} {}", force.tag(), force.name()), "left out: it is switched off in the model");
+    }
     for force in muscles {
-        if !force.flag("appliesForce", true) || force.flag("isDisabled", false) {
-            notes.lost(&format!("muscle {}", force.name()), "left out: it is switched off in the model");
+        if is_off(&force) {
+            notes.remark(&format!("muscle {}", force.name()), "left out: it is switched off in the model");
         } else {
             read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);
         }

@@ -138,7 +138,11 @@ fn path_point<'d>(reader: &Reader<'d>, element: Element<'d>, muscle: &str, notes
             moving(&mut entry, components);
         }
         tag => {
-            entry.point = placed.frame.point(&element.vector("location")?.unwrap_or_default());
+            let location = element.vector("location")?;
+            if location.is_none() {
+                notes.changed(&who(), format!("no location of {}: 0 0 0, OpenSim's default", element.name()));
+            }
+            entry.point = placed.frame.point(&location.unwrap_or_default());
             if tag == "ConditionalPathPoint" || tag == "MuscleViaPoint" {
                 let range = element.vector::<2>("range")?;
                 match (coordinate("coordinate"), range) {

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use crate::error::SourceFile;
 
-/// The file with `::` in tags, bare `&` and `--` in comments repaired; the file itself where there are none.
+/// The file with `::` in tags and bare `&` repaired, and without its comments, which OpenSim lets hold `--`; the file itself where there are none.
 pub fn repaired(file: &SourceFile) -> Cow<'_, SourceFile> {
     let text = file.text.trim_start_matches('\u{feff}');
     let mut out = String::with_capacity(text.len());
@@ -43,15 +43,12 @@ fn ampersand<'t>(text: &'t str, out: &mut String) -> &'t str {
     &text[1..]
 }
 
+/// A blank, so that a number with a comment in it is no other number; lines stay lines.
 fn comment<'t>(text: &'t str, out: &mut String) -> &'t str {
-    let Some(end) = text[4..].find("-->").map(|end| end + 4) else { return copied(text, text.len(), out) };
-    let inner = text[4..end].replace("--", "==");
-    out.push_str("<!--");
-    out.push_str(&inner);
-    if inner.ends_with('-') {
-        out.push(' ');
-    }
-    copied(&text[end..], 3, out)
+    let Some(end) = text.find("-->").map(|end| end + 3) else { return copied(text, text.len(), out) };
+    out.push(' ');
+    out.extend(text[..end].chars().filter(|c| *c == '\n'));
+    &text[end..]
 }
 
 /// A scope in the name of a tag: `<HuntCrossleyForce::ContactParametersSet>`.
@@ -75,8 +72,8 @@ mod tests {
             ("<a>1 &amp; 2 &#65; &#x4f;</a>", "<a>1 &amp; 2 &#65; &#x4f;</a>"),
             ("<a>R & D; &co;</a>", "<a>R &amp; D; &amp;co;</a>"),
             ("<H::Set name=\"x::y\">a::b</H::Set>", "<H__Set name=\"x::y\">a::b</H__Set>"),
-            ("<!-- a -- b --><a/>", "<!-- a == b --><a/>"),
-            ("<!-- a ---><a/>", "<!-- a - --><a/>"),
+            ("<!-- a -- b\n --><a/>", " \n<a/>"),
+            ("<a>1<!-- x -->.6</a>", "<a>1 .6</a>"),
             ("<![CDATA[ & -- ]]><a/>", "<![CDATA[ & -- ]]><a/>"),
             ("\u{feff}<a/>", "<a/>"),
         ] {

@@ -101,9 +101,9 @@
     : `None of ${report.planned} job(s) has finished, or its tables are not made yet (sinew merge makes them): there is nothing to draw.`));
   const doubtful = jobs.has('warnings') ? jobs.values('warnings').map((codes) => (codes ? codes.split(', ') : [])) : [];
   if (doubtful.some((codes) => codes.length)) {
-    const warned = report.warnings.map(({ code, limit, remedy }) => [code, doubtful.filter((codes) => codes.includes(code)).length, limit, remedy]).filter(([, count]) => count);
+    const kinds = report.warnings.map((kind) => ({ ...kind, count: doubtful.filter((codes) => codes.includes(kind.code)).length })).filter(({ count }) => count);
     went.append(make('p', { id: 'warnings', class: 'bad' }, `${doubtful.filter((codes) => codes.length).length} job(s) with warnings: converged is not plausible.`),
-      grid(null, ['warning', 'jobs', 'what is beyond its limit', 'what to do'], warned));
+      make('ul', {}, ...kinds.map(({ code, count, limit, remedy }) => make('li', {}, make('b', {}, code), ` (${count}): ${limit}. ${remedy[0].toUpperCase()}${remedy.slice(1)}.`))));
   }
   for (const note of report.notes) went.append(make('p', { class: 'soft' }, note));
   const failures = [];

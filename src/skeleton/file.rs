@@ -290,6 +290,31 @@ pub enum ObstacleEntry {
     Parts { name: String, parts: [usize; 2] },
 }
 
+impl ObstacleEntry {
+    /// Numbers its parts anew after points of the path were taken out that repeated the one before (their numbers, increasing). False if no part
+    /// is left.
+    pub fn renumber(&mut self, removed: &[usize]) -> bool {
+        let (first, last) = match self {
+            Self::Any(_) => return true,
+            Self::Part { part, .. } => (*part, *part),
+            Self::Parts { parts: [first, last], .. } => (*first, *last),
+        };
+        let before = |part: usize| removed.iter().filter(|&&point| point <= part).count();
+        // The part that ends in a removed point has no length: those around it remain.
+        let vanished = removed.contains(&(last + 1));
+        let (new_first, new_last) = (first - before(first), last - before(last));
+        let Some(new_last) = new_last.checked_sub(usize::from(vanished)).filter(|last| *last >= new_first) else {
+            return false;
+        };
+        match self {
+            Self::Part { part, .. } => *part = new_first,
+            Self::Parts { parts, .. } => *parts = [new_first, new_last],
+            Self::Any(_) => {}
+        }
+        true
+    }
+}
+
 impl SkeletonFile {
     /// Whether a model file is one of these.
     pub fn is_one(table: &toml::Table) -> bool {

@@ -6,7 +6,7 @@
 //! is not near any axis, a mean over the part of the line inside, and a blend of both between. A guide on the wrong half is
 //! turned over to the other half, the mean only as far as the border.
 
-use super::frame::{Vector, along, dot, minus, unit};
+use super::frame::{Vector, along, dot, minus, norm, unit};
 use super::surface::Side;
 
 /// Cosine of the angle between line and axis up to which the mean counts alone, and from which on the crossing does.
@@ -30,13 +30,16 @@ pub fn guide(radii: &Vector, side: Side, a: &Vector, b: &Vector) -> Option<Vecto
         cosine = MEAN_ALONE + from_end * (cosine - MEAN_ALONE);
     }
     let crossing_weight = ((cosine - MEAN_ALONE) / (CROSSING_ALONE - MEAN_ALONE)).clamp(0.0, 1.0);
-    let at_crossing = || nearest(radii, &along(&enters, crossing, &way), Some(axis));
+    // Where a line through the centre has no nearest point, the middle of the half decides.
+    let top = if direction[side.axis].abs() < CROSSING_ALONE { side.axis } else { (side.axis + 1) % 3 };
+    let pole = [0, 1, 2].map(|i| if i == top { side.sign * radii[i] } else { 0.0 });
+    let at_crossing = || nearest(radii, &along(&enters, crossing, &way), Some(axis)).unwrap_or(pole);
     let found = match crossing_weight {
-        0.0 => mean(radii, &enters, &way),
+        0.0 => mean(radii, &enters, &way).unwrap_or(pole),
         1.0 => at_crossing(),
         weight => {
-            let (crossing, mean) = (at_crossing(), mean(radii, &enters, &way));
-            nearest(radii, &[0, 1, 2].map(|i| weight * crossing[i] + (1.0 - weight) * mean[i]), None)
+            let (crossing, mean) = (at_crossing(), mean(radii, &enters, &way).unwrap_or(pole));
+            nearest(radii, &[0, 1, 2].map(|i| weight * crossing[i] + (1.0 - weight) * mean[i]), None).unwrap_or(pole)
         }
     };
     if side.holds(&found) {
@@ -44,7 +47,7 @@ pub fn guide(radii: &Vector, side: Side, a: &Vector, b: &Vector) -> Option<Vecto
     }
     let mut turned = found;
     turned[side.axis] *= -crossing_weight;
-    Some(nearest(radii, &turned, None))
+    nearest(radii, &turned, None).or(Some(pole))
 }
 
 /// Where the line from a to b enters and leaves.
@@ -57,20 +60,26 @@ fn inside(radii: &Vector, a: &Vector, b: &Vector) -> Option<(Vector, Vector)> {
     root.is_finite().then(|| (at((-mixed - root) / square), at((-mixed + root) / square)))
 }
 
-/// The mean of the directions from the part of the line inside to the surface, laid on at its middle.
-fn mean(radii: &Vector, enters: &Vector, way: &Vector) -> Vector {
+/// The mean of the directions from the part of the line inside to the surface, laid on at its middle; none where they cancel.
+fn mean(radii: &Vector, enters: &Vector, way: &Vector) -> Option<Vector> {
     let mut sum = [0.0; 3];
     for k in 0..SAMPLES {
         let x = along(enters, (k as f64 + 0.5) / SAMPLES as f64, way);
-        sum = along(&sum, 1.0, &unit(&minus(&nearest(radii, &x, None), &x)));
+        sum = along(&sum, 1.0, &unit(&minus(&nearest(radii, &x, None)?, &x)));
+    }
+    if norm(&sum) < 1e-9 {
+        return None;
     }
     nearest(radii, &along(&along(enters, 0.5, way), 1.0, &unit(&sum)), None)
 }
 
 /// The point of the surface nearest to x; within a coordinate plane if it is in that. x_i r_i²/(t + r_i²), t by Newton's method from below,
-/// where the function is convex.
-fn nearest(radii: &Vector, x: &Vector, in_plane: Option<usize>) -> Vector {
+/// where the function is convex. None of the centre.
+fn nearest(radii: &Vector, x: &Vector, in_plane: Option<usize>) -> Option<Vector> {
     let axes: Vec<usize> = (0..3).filter(|&i| in_plane != Some(i) && x[i] != 0.0).collect();
+    if axes.is_empty() {
+        return None;
+    }
     let start = axes.iter().map(|&i| radii[i] * (x[i].abs() - radii[i])).fold(f64::NEG_INFINITY, f64::max);
     let mut t = start;
     for _ in 0..64 {
@@ -90,5 +99,5 @@ fn nearest(radii: &Vector, x: &Vector, in_plane: Option<usize>) -> Vector {
     for i in axes {
         found[i] = x[i] * radii[i] * radii[i] / (t + radii[i] * radii[i]);
     }
-    found
+    Some(found)
 }

@@ -228,6 +228,9 @@ pub fn around_sphere(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) ->
     if ends_on_side == [false; 2] { Wrap::Possible(contact) } else { Wrap::Certain(contact) }
 }
 
+/// A line that comes no nearer to an axis than the radius less this share of it touches.
+const TOUCHES: f64 = 1e-12;
+
 /// In the developed surface the path is straight: across the axis as around a circle, along it in proportion.
 fn around_cylinder(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> Wrap {
     use std::f64::consts::{PI, TAU};
@@ -239,7 +242,8 @@ fn around_cylinder(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> W
     let way = [b[0] - a[0], b[1] - a[1]];
     let share = -(a[0] * way[0] + a[1] * way[1]) / (way[0] * way[0] + way[1] * way[1]);
     let nearest = [a[0] + share * way[0], a[1] + share * way[1], 0.0];
-    let runs_through = nearest[0].hypot(nearest[1]) < radius && 0.0 < share && share < 1.0;
+    // A line that touches, within rounding, does not.
+    let runs_through = nearest[0].hypot(nearest[1]) < radius * (1.0 - TOUCHES) && 0.0 < share && share < 1.0;
     let is_certain = match side {
         None if runs_through => true,
         None => return Wrap::Missed,

@@ -196,11 +196,14 @@ impl<'m> Plan<'m> {
     /// Refuses a value far from the model's own that the study does not confirm.
     fn check_size(&self, name: &str, path: &str, value: &Value) -> std::result::Result<(), Complaint> {
         let (Some(own), Some(new)) = (change::number_at(self.model_table, path), value.number()) else { return Ok(()) };
-        let is_far = own != 0.0 && !(own.abs() / FAR..=own.abs() * FAR).contains(&new.abs());
+        // 0 is meant.
+        let is_far = own != 0.0 && new != 0.0 && !(own.abs() / FAR..=own.abs() * FAR).contains(&new.abs());
         if path.ends_with("_scale") || !is_far || self.confirmed.iter().any(|known| known == name || known == path) {
             return Ok(());
         }
-        let message = format!("{new} is {:.3} times the model's own value, {own}", new / own);
+        let times = new / own;
+        let times = if times.abs() < 1e-2 { format!("{times:.1e}") } else { format!("{times:.3}") };
+        let message = format!("{new} is {times} times the model's own value, {own}");
         let help = format!(
             "is `{path}_scale` meant, or is the unit another one? If the value is right, say so: confirm = [\"{name}\"] at the top of the study"
         );
@@ -227,6 +230,14 @@ impl<'m> Plan<'m> {
 
     /// Refuses axes that would set the same thing in one job.
     fn check_overlaps(&self) -> std::result::Result<(), Issue> {
+        if let Some(base) = self.other_way(self.base_changes.iter().map(|change| &change.path)) {
+            let message = format!("`{base}` is there, and the same number in another way: absolute and by a factor");
+            return Err(sweep::issue(
+                vec!["base".to_owned(), base.to_owned()],
+                message,
+                "say it in one of the two ways",
+            ));
+        }
         let mut seen: HashSet<Vec<&str>> = HashSet::new();
         for point in self.sweeps.iter().flat_map(|sweep| &sweep.points) {
             let names: Vec<&str> = point.iter().map(|(name, _)| &**name).collect();
@@ -235,6 +246,11 @@ impl<'m> Plan<'m> {
             }
             let mut owners: HashMap<String, &str> = HashMap::new();
             for name in names {
+                if let Some(base) = self.other_way(self.paths.get(name).into_iter().flatten()) {
+                    let message =
+                        format!("`{name}` is swept, and [base] sets `{base}`: one number, absolute and by a factor");
+                    return Err(sweep::issue(self.place(name), message, "say it in one of the two ways"));
+                }
                 for target in self.targets(name) {
                     if let Some(other) = owners.insert(target.clone(), name) {
                         let message = format!("`{name}` and `{other}` both set {target}");
@@ -245,6 +261,14 @@ impl<'m> Plan<'m> {
             }
         }
         Ok(())
+    }
+
+    /// What the base sets of one of these paths in the other way: by a factor, or absolute.
+    fn other_way<'p>(&self, mut paths: impl Iterator<Item = &'p String>) -> Option<&str> {
+        paths.find_map(|path| {
+            let other = path.strip_suffix("_scale").map_or_else(|| format!("{path}_scale"), str::to_owned);
+            self.base_changes.iter().find(|change| change.path == other).map(|change| change.path.as_str())
+        })
     }
 
     /// What a swept name sets.

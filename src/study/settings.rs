@@ -375,7 +375,7 @@ impl Settings {
             let known = Limits::NAMES.map(|name| format!("warn.{name}")).join(", ");
             Complaint::new(format!("unknown limit `warn.{name}`"), format!("{near}limits of warnings are: {known}"))
         })?;
-        *limit = number(value, -1e9..=1e9, "a number")?;
+        *limit = number(value, 0.0..=1e9, "a number from 0 to 1e9")?;
         Ok(())
     }
 

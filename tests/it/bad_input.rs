@@ -243,6 +243,19 @@ fn mistakes() -> Vec<Mistake> {
             &["m.mot:1", "the header says 5 rows, and there are 2", "cut off"],
         ),
         motion(
+            "degrees and not",
+            "m.mot",
+            "inDegrees=no\ninDegrees=yes\nendheader\ntime elbow_angle shoulder_angle\n0 1 1\n",
+            &["m.mot:2", "inDegrees is there twice"],
+        ),
+        motion(
+            "semicolons in a storage file",
+            "m.mot",
+            "inDegrees=yes\nendheader\ntime;elbow_angle\n0;1\n",
+            &["m.mot:3", "separated by semicolons"],
+        ),
+        study("a limit below 0", "[base]\n", "[base]\nwarn.saturated = -1\n", &["warn.saturated", "from 0 to"]),
+        motion(
             "two columns of time",
             "m.csv",
             "time,time,shoulder_angle_deg,elbow_angle_deg\n0,0,1,2\n",
@@ -393,4 +406,17 @@ fn a_value_far_from_the_models_own_may_be_confirmed() {
         (code(&study), code(&study.replacen("name =", &format!("confirm = ['{path}']\nname ="), 1))),
         (Some(2), Some(0))
     );
+}
+
+/// A hole in a motion is interpolated, and said.
+#[test]
+fn a_gap_of_a_motion_is_named() {
+    let mut table = "time,shoulder_angle_deg,elbow_angle_deg\n".to_owned();
+    (0..=40)
+        .filter(|k| !(8..30).contains(k))
+        .for_each(|k| table.push_str(&format!("{},-5,{k}\n", 0.025 * f64::from(k))));
+    let mistake = motion("fine", "m.csv", &table, &[]);
+    let folder = folder(&[("study.toml", &mistake.study), ("m.csv", &table)]);
+    let said = text(&sinew(&["check", "study.toml"], folder.path()).stdout);
+    assert!(said.contains("nothing is measured between 0.175 and 0.750 s, 23 times the usual step"), "{said}");
 }

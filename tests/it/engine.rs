@@ -191,18 +191,33 @@ fn missing_values_are_null_never_nan() {
 }
 
 #[test]
-fn a_swept_value_replaces_the_fixed_one_and_factors_come_last() {
+fn a_swept_value_replaces_the_fixed_one() {
     let text = SMALL.replace(
         "[sweep.grid]",
-        "\"muscle.triceps.max_isometric_force_scale\" = 1.2\n\"muscle.biceps.max_isometric_force_scale\" = 2.0\n\
+        "\"muscle.triceps.max_isometric_force_scale\" = 1.2\n\"muscle.biceps.max_isometric_force\" = 500\n\
          [sweep.grid]\n\"muscle.triceps.max_isometric_force_scale\" = [0.5]\n\"muscle.biceps.max_isometric_force\" = [100.0]",
     );
     let folder = folder(&[("study.toml", &text)]);
     let (_, study) = study(&folder);
     let model = study.model_of(&study.jobs[0]).unwrap();
     let strength = |name: &str| model.muscles.iter().find(|m| m.name == name).unwrap().max_isometric_force;
-    assert_eq!(strength("triceps"), 150.0, "300 N in the file, the swept factor alone");
-    assert_eq!(strength("biceps"), 200.0, "the swept value, then the fixed factor");
+    assert_eq!((strength("triceps"), strength("biceps")), (150.0, 100.0), "300 N in the file");
+}
+
+/// The tables have the swept value, so a factor in the base would make them say another one than was used.
+#[test]
+fn one_number_is_set_in_one_way() {
+    let (absolute, factor) = ("'muscle.biceps.max_isometric_force'", "'muscle.biceps.max_isometric_force_scale'");
+    for (base, swept) in [
+        (format!("{absolute} = 500"), format!("{factor} = [1.0, 2.0]")),
+        (format!("{factor} = 2.0"), format!("{absolute} = [500]")),
+        (format!("{absolute} = 500\n{factor} = 2.0"), String::new()),
+    ] {
+        let text = SMALL.replace("[sweep.grid]", &format!("{base}\n[sweep.grid]\n{swept}"));
+        let folder = folder(&[("study.toml", &text)]);
+        let error = Study::load(&folder.path().join("study.toml")).map(|_| ()).unwrap_err();
+        assert!(error.to_string().contains("absolute and by a factor"), "{base}, {swept}: {error}");
+    }
 }
 
 #[test]

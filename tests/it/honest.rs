@@ -3,6 +3,7 @@
 use sinew::error::SourceFile;
 use sinew::opensim::{Imported, Weight, import};
 use sinew::plausibility::KINDS;
+use sinew::skeleton::file::ObstacleEntry;
 use sinew::solve::solve;
 use sinew::study::load_skeleton;
 use sinew::tables::{Table, read};
@@ -166,6 +167,47 @@ fn numbers_that_a_muscle_lacks_are_those_of_opensim_and_a_path_has_a_length() {
         "/bodyset/fore</socket_parent_frame><location>0.015 -0.045 0",
     );
     assert!(refused(nil).contains("the path has no length between them"));
+}
+
+/// What refers to a wrapping object, or to a part of a path by its number, goes on to mean the same; what is switched off is no loss.
+#[test]
+fn what_is_mended_keeps_its_references() {
+    let sphere =
+        |name: &str, radius: f64| format!("<WrapSphere name=\"{name}\"><radius>{radius}</radius></WrapSphere>");
+    let body = format!(
+        "{BODY}<WrapObjectSet><objects>{}{}{}</objects></WrapObjectSet>",
+        sphere("a", 0.01),
+        sphere("a", 0.02),
+        sphere("a_2", 0.03)
+    );
+    let wrap = "</PathPointSet><PathWrapSet><objects><PathWrap name=\"w\"><wrap_object>a_2</wrap_object><range>3 4</range></PathWrap></objects></PathWrapSet>";
+    let point = |x: &str| {
+        format!(
+            "<PathPoint name=\"p\"><socket_parent_frame>/ground</socket_parent_frame><location>{x} 0.3 0</location></PathPoint>"
+        )
+    };
+    // Four points, of which the first two are the same: the range is of parts by their points.
+    let model = osim("", "", &body, HINGE)
+        .replace("<PathPoint name=\"a\">", &format!("{}{}<PathPoint name=\"a\">", point("0.05"), point("0.05")))
+        .replace("</PathPointSet>", wrap);
+    let found = imported(model);
+    let flexor = &found.file.muscle[0];
+    assert_eq!((flexor.path.len(), flexor.surfaces[0].surface()), (3, "a_2"));
+    let named: Vec<(&str, Option<f64>)> = found.file.surface.iter().map(|s| (s.name.as_str(), s.radius)).collect();
+    assert_eq!(named, [("a", Some(0.01)), ("a_3", Some(0.02)), ("a_2", Some(0.03))]);
+    let renumbered = |first, last| {
+        let mut parts = ObstacleEntry::Parts { name: "s".into(), parts: [first, last] };
+        let left = parts.renumber(&[1, 4]);
+        let ObstacleEntry::Parts { parts, .. } = parts else { unreachable!() };
+        left.then_some(parts)
+    };
+    // Points 0 to 6, of which 1 and 4 repeat 0 and 3: of parts 0 to 5, 0 and 3 have no length.
+    assert_eq!(
+        [renumbered(0, 0), renumbered(0, 1), renumbered(1, 3), renumbered(2, 5)],
+        [None, Some([0, 0]), Some([0, 1]), Some([1, 3])]
+    );
+    let off = "<CoordinateActuator name=\"reserve\"><appliesForce>false</appliesForce></CoordinateActuator>";
+    assert!(has_note(&imported(osim("", off, BODY, HINGE)), Weight::Remark, "reserve", "switched off"));
 }
 
 const LIFT: &str =

@@ -94,6 +94,38 @@ fn a_sphere_and_an_ellipsoid_with_a_side_are_passed_on_it() {
     );
 }
 
+/// A line that touches, within rounding, is a straight line, not one with a loop.
+#[test]
+fn a_tangent_of_a_cylinder_takes_no_loop() {
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+    for _ in 0..20_000 {
+        let (sin, cos) = rng.random_range(0.0..TAU).sin_cos();
+        let at = |t: f64| [cos - t * sin, sin + t * cos, 0.0];
+        let (a, b) = (at(-rng.random_range(0.0..3.0)), at(rng.random_range(0.0..3.0)));
+        for side in [None, side(0, if cos > 0.0 { 1.0 } else { -1.0 })] {
+            let shape = Shape::Cylinder { radius: 1.0, side, length: f64::INFINITY };
+            if let Wrap::Certain(contact) = shape.wrap(&a, &b, None) {
+                assert!(total(&contact, &a, &b) < norm(&minus(&b, &a)) + 1e-6, "{side:?} {a:?} {b:?}");
+            }
+        }
+    }
+}
+
+/// Straight through the centre no side is nearer; the path takes the one that is asked for.
+#[test]
+fn a_line_through_the_centre_of_an_ellipsoid_keeps_to_its_side() {
+    let radii = [0.6, 0.8, 1.0];
+    for (a, b) in
+        [([-2.0, 0.0, 0.0], [2.0, 0.0, 0.0]), ([-2.0, 0.0, 0.5], [2.0, 0.0, -0.5]), ([0.0, 0.0, -2.0], [0.0, 0.0, 2.0])]
+    {
+        for sign in [-1.0, 1.0] {
+            let shape = Shape::Ellipsoid { radii, side: side(1, sign) };
+            let contact = shape.contact(&a, &b).expect("it runs through");
+            assert!(sign * contact.first[1] > 0.1 && sign * contact.last[1] > 0.1, "{sign}: {contact:?}");
+        }
+    }
+}
+
 /// A path over three points around several surfaces is as short as its contacts can be made, and cuts through none of its surfaces.
 #[test]
 fn a_path_around_several_surfaces_is_taut() {

@@ -29,7 +29,7 @@ use crate::skeleton::wrapping::{Placed, Touch, touches};
 const STEP: f64 = 2e-6;
 /// E_0: how much longer a contact makes a path at the end of its softening, m.
 const SOFT_EXCESS: f64 = 2e-7;
-/// Most slots of a path, two for each joint of two pieces among them; [`Spatial::check_paths`](super::Spatial::check_paths) sees to it.
+/// Most slots of a path, two for each joint of two pieces among them; a study with a longer one is refused ([`Skeleton::obstacles`](crate::skeleton::Skeleton::obstacles)).
 pub const SLOTS: usize = 192;
 /// The second-order estimate of what a contact adds is looked at more closely below this times E_0.
 const LIGHT: f64 = 4.0;

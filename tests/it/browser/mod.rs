@@ -37,6 +37,8 @@ struct Seen {
     /// Width of all there is, pixels.
     across: f64,
     counts: String,
+    /// Text of the section that has the warnings.
+    warnings: String,
     failures: usize,
     /// Headings of the sections that are shown.
     sections: Vec<String>,
@@ -241,6 +243,8 @@ fn a_part_of_a_thousand_jobs_is_there_to_look_at() {
     let ask = Ask { sort: Some("effort".to_owned()), hover: Some(figure.to_owned()), ..Ask::default() };
     let seen = look(browser, &page, &out, &ask);
     assert!(seen.counts.starts_with("20 of 1000 job(s) finished: 20 converged"), "{}", seen.counts);
+    let said = &seen.warnings;
+    assert!(said.contains("job(s) with warnings") && said.contains("fibre_length (") && said.contains("does not fit"));
     has(&seen.figures, &[figure, "ratio-over-mu-biceps_to_brachialis_mean_force", "convergence", "singular_values"]);
 
     // What appears over the points of the first muscle is what the files say.

@@ -23,6 +23,7 @@ const visit = async (ask) => {
     background: getComputedStyle(document.body).backgroundColor,
     across: document.documentElement.scrollWidth,
     counts: text('counts'),
+    warnings: document.getElementById('warnings')?.parentElement.textContent ?? '',
     failures: all('#went tbody tr').length,
     sections: all('main > section').filter((section) => !section.hidden).map((section) => section.querySelector('h2').id),
     ranks: all('#ranks td a').length,
