@@ -110,7 +110,7 @@ impl Skeleton {
             let (parent, child) = (&self.bodies[parent], &self.bodies[joint.child]);
             if child.role == Role::Given && parent.role != Role::Given {
                 let message = format!("its motion is given, and `{}`, which it hangs on, moves by forces", parent.name);
-                let help = "give that one the role \"given\" too, or leave the role of this one away";
+                let help = "give that one the role \"given\" too, or leave out the role of this one";
                 return Err(Issue::new(&["body", &child.name, "role"], message, help));
             }
         }
