@@ -235,8 +235,8 @@ fn of_mesh(job: &JobRow, muscles: &[MuscleRow], model: &Model, limit: f64) -> Op
 /// Rates are taken over at least this time, s: those of noise say nothing.
 const WINDOW: f64 = 0.02;
 
-/// The largest rate (1/s) and the range of values over time.
-pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, f64) {
+/// The largest rate (1/s) of values over time, and the least and the largest of them.
+pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, [f64; 2]) {
     let (mut rate, mut after) = (0.0f64, 0);
     let least = WINDOW.min(time[time.len() - 1] - time[0]);
     for (i, &t) in time.iter().enumerate() {
@@ -248,7 +248,7 @@ pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, f64) {
         }
     }
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
-    (rate, high - low)
+    (rate, [low, high])
 }
 
 /// The warning on a motion that no joint makes, as the job changes it.
@@ -262,8 +262,9 @@ pub fn of_motion(table: &MotionTable, model: &Model, settings: &Settings) -> Opt
             let is_angle = coordinates.iter().find(|(known, _)| known == name)?.1;
             let factor =
                 settings.motion.iter().find(|(changed, ..)| changed == name).map_or(1.0, |change| change.2.abs());
-            let (rate, range) = rate_and_range(&table.time, &low_pass(&table.time, values, settings.smoothing_hz));
-            let (rate, range) = (factor * rate / settings.time_scale, factor * range);
+            let (rate, [low, high]) =
+                rate_and_range(&table.time, &low_pass(&table.time, values, settings.smoothing_hz));
+            let (rate, range) = (factor * rate / settings.time_scale, factor * (high - low));
             let (limit, unit) = if is_angle { (limits.speed_rad_s, "rad/s") } else { (limits.speed_m_s, "m/s") };
             // A full turn is one, whatever its last digits.
             let turns = is_angle && range > limits.turn_rad * (1.0 + 1e-6);

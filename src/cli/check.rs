@@ -114,8 +114,7 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
     for (name, values) in &table.columns {
         let is_angle = angles.iter().any(|(known, is_angle)| known == name && *is_angle);
         let (factor, unit) = if is_angle { (1f64.to_degrees(), "°") } else { (1e3, " mm") };
-        let (rate, _) = plausibility::rate_and_range(&table.time, values);
-        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
+        let (rate, [low, high]) = plausibility::rate_and_range(&table.time, values);
         let meant =
             ranges(name).map(|[low, high]| format!(" (the model: {:.1} to {:.1}{unit})", low * factor, high * factor));
         out.push_str(&format!(

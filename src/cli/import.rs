@@ -13,7 +13,7 @@ pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
     let source = SourceFile::read(model)?;
     let imported = opensim::import(&source)?;
     let list = listed(&imported.notes);
-    let lost: Vec<Note> = imported.notes.iter().filter(|note| note.weight == Weight::Lost).cloned().collect();
+    let lost = of_weight(&imported.notes, Weight::Lost);
     if strict && !lost.is_empty() {
         let message = format!("{}: {} thing(s) are lost:\n{}", model.display(), lost.len(), listed(&lost));
         let help = "without --strict the model is written all the same, and the list with it";
@@ -62,13 +62,17 @@ pub fn listed(notes: &[Note]) -> String {
     out.trim_end().to_owned()
 }
 
+fn of_weight(notes: &[Note], weight: Weight) -> Vec<Note> {
+    notes.iter().filter(|note| note.weight == weight).cloned().collect()
+}
+
 /// Says on the error stream what a model has lost, if it is an OpenSim model.
 pub fn say_lost(source: &SourceFile) -> Result<()> {
     if !opensim::is_one(source) {
         return Ok(());
     }
     let notes = opensim::import(source)?.notes;
-    let lost: Vec<Note> = notes.iter().filter(|note| note.weight == Weight::Lost).cloned().collect();
+    let lost = of_weight(&notes, Weight::Lost);
     if !lost.is_empty() {
         let name = source.path.display();
         let mut said = format!("note: {name}: {}\n", listed(&lost));

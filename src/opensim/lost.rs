@@ -1,5 +1,7 @@
 //! What a model has and Sinew does not, by name or in one line a kind, with what that means.
 
+use indexmap::IndexMap;
+
 use super::document::Element;
 use super::{Notes, Parts, Weight, muscles};
 
@@ -11,14 +13,7 @@ pub fn is_force(tag: &str) -> bool {
 
 /// Forces that are not muscles, in one line a kind.
 pub fn forces<'d>(forces: impl Iterator<Item = Element<'d>>, notes: &mut Notes) {
-    let mut kinds: Vec<(&str, Vec<&str>)> = Vec::new();
-    for force in forces {
-        match kinds.iter_mut().find(|(tag, _)| *tag == force.tag()) {
-            Some((_, names)) => names.push(force.name()),
-            None => kinds.push((force.tag(), vec![force.name()])),
-        }
-    }
-    for (tag, names) in kinds {
+    for (tag, names) in by_kind(forces) {
         notes.lost(&format!("{tag} {}", names.join(", ")), meaning(tag));
     }
 }
@@ -39,16 +34,11 @@ fn meaning(tag: &str) -> &'static str {
     }
 }
 
-/// How many elements there are of each tag.
-fn counts<'d>(elements: impl Iterator<Item = Element<'d>>) -> Vec<(&'d str, usize)> {
-    let mut counts: Vec<(&str, usize)> = Vec::new();
-    for element in elements {
-        match counts.iter_mut().find(|(tag, _)| *tag == element.tag()) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((element.tag(), 1)),
-        }
-    }
-    counts
+/// The names of the elements of each tag.
+fn by_kind<'d>(elements: impl Iterator<Item = Element<'d>>) -> IndexMap<&'d str, Vec<&'d str>> {
+    let mut kinds: IndexMap<&str, Vec<&str>> = IndexMap::new();
+    elements.for_each(|element| kinds.entry(element.tag()).or_default().push(element.name()));
+    kinds
 }
 
 /// What else has no counterpart, in one line a kind.
@@ -59,21 +49,25 @@ pub fn others(model: Element<'_>, parts: &Parts<'_>, notes: &mut Notes) {
         ("ProbeSet", Weight::Remark, "left out: no influence on results"),
         ("MarkerSet", Weight::Remark, "left out: no influence on results"),
     ] {
-        for (tag, count) in counts(parts.holders.iter().flat_map(|holder| holder.objects(&[set]))) {
-            notes.add(&format!("{count} {tag} of {set}"), lost, weight);
+        for (tag, names) in by_kind(parts.holders.iter().flat_map(|holder| holder.objects(&[set]))) {
+            notes.add(&format!("{} {tag} of {set}", names.len()), lost, weight);
         }
     }
-    for (tag, count) in counts(parts.others.iter().copied()) {
+    for (tag, names) in by_kind(parts.others.iter().copied()) {
         let weight = if ["Marker", "Probe", "Frame", "Reporter"].iter().any(|kind| tag.contains(kind)) {
             Weight::Remark
         } else {
             Weight::Lost
         };
-        notes.add(&format!("{count} {tag} among the components"), "left out: this kind is not supported", weight);
+        notes.add(
+            &format!("{} {tag} among the components", names.len()),
+            "left out: this kind is not supported",
+            weight,
+        );
     }
-    for (tag, count) in counts(parts.forces.iter().copied().filter(|force| muscles::is_muscle(*force))) {
+    for (tag, names) in by_kind(parts.forces.iter().copied().filter(|force| muscles::is_muscle(*force))) {
         let lost = "curves of force over length, velocity and tendon strain are Sinew's: shape parameters, minimum activation and damping are ignored, so that forces at a given state differ";
-        notes.changed(&format!("{count} {tag}"), lost);
+        notes.changed(&format!("{} {tag}", names.len()), lost);
     }
     let ranges = model.descendants("Coordinate").filter(|c| c.flag("clamped", false)).count();
     if ranges > 0 {

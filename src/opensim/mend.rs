@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use super::Notes;
 use crate::skeleton::Role;
-use crate::skeleton::file::{BodyEntry, ObstacleEntry, PointEntry, SkeletonFile};
+use crate::skeleton::file::{BodyEntry, SkeletonFile};
 
 /// Mass of a massless body that moves by forces, kg, and the radius of gyration of one whose inertia is none, m.
 const SMALL_MASS: f64 = 0.01;
@@ -27,14 +27,9 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
             known.contains(name)
         });
         let before = muscle.path.len();
-        let is_fixed =
-            |p: &PointEntry| p.when.is_none() && p.moves.is_none() && p.x.is_none() && p.y.is_none() && p.z.is_none();
-        let repeats = |point: &PointEntry, next: &PointEntry| {
-            is_fixed(next) && is_fixed(point) && next.body == point.body && next.point == point.point
-        };
         // A path of two equal points is an error of its own.
         let repeated: Vec<usize> =
-            (1..before).filter(|&k| before > 2 && repeats(&muscle.path[k - 1], &muscle.path[k])).collect();
+            (1..before).filter(|&k| before > 2 && muscle.path[k].repeats(&muscle.path[k - 1])).collect();
         repeated.iter().rev().for_each(|&k| drop(muscle.path.remove(k)));
         muscle.surfaces.retain_mut(|obstacle| obstacle.renumber(&repeated));
         if muscle.path.len() < before {
@@ -99,13 +94,5 @@ fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
             &who,
             format!("no mass: {SMALL_MASS} kg and {least:.1e} kg m² are taken, since it moves by forces"),
         );
-    }
-}
-
-impl ObstacleEntry {
-    pub fn surface(&self) -> &str {
-        match self {
-            Self::Any(name) | Self::Part { name, .. } | Self::Parts { name, .. } => name,
-        }
     }
 }

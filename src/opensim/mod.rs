@@ -155,20 +155,16 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
     for owner in ground.chain(frames) {
         read.surface.extend(muscles::surfaces(&reader.frames, owner, &mut notes)?);
     }
-    let (muscles, others): (Vec<_>, Vec<_>) =
-        parts.forces.iter().copied().partition(|force| muscles::is_muscle(*force));
     let is_off = |force: &Element<'_>| !force.flag("appliesForce", true) || force.flag("isDisabled", false);
-    let (off, others): (Vec<_>, Vec<_>) = others.into_iter().partition(is_off);
-    lost::forces(others.into_iter(), &mut notes);
+    let (off, forces): (Vec<_>, Vec<_>) = parts.forces.iter().copied().partition(is_off);
     for force in off {
-        notes.remark(&format!("{} {}", force.tag(), force.name()), "left out: it is switched off in the model");
+        let kind = if muscles::is_muscle(force) { "muscle" } else { force.tag() };
+        notes.remark(&format!("{kind} {}", force.name()), "left out: it is switched off in the model");
     }
+    let (muscles, others): (Vec<_>, Vec<_>) = forces.into_iter().partition(|force| muscles::is_muscle(*force));
+    lost::forces(others.into_iter(), &mut notes);
     for force in muscles {
-        if is_off(&force) {
-            notes.remark(&format!("muscle {}", force.name()), "left out: it is switched off in the model");
-        } else {
-            read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);
-        }
+        read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);
     }
     lost::others(model, &parts, &mut notes);
     mend::mend(&mut read, &mut notes);

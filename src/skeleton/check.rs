@@ -64,8 +64,7 @@ impl Skeleton {
         }
         for muscle in self.muscles.iter().filter(|muscle| spatial.is_moved_by(muscle)) {
             found.extend(self.obstacles_of_path(muscle));
-            let path = || spatial.path(muscle);
-            if found.is_empty() && path().slots.len() + 2 * muscle.path.surfaces.len() > SLOTS {
+            if found.is_empty() && spatial.path(muscle).slots.len() + 2 * muscle.path.surfaces.len() > SLOTS {
                 let message = "the path depends on more than 25 bodies";
                 found.push(Issue::new(&["muscle", &muscle.name, "path"], message, "divide the muscle"));
             }

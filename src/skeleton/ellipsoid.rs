@@ -75,11 +75,6 @@ pub fn around_ellipsoid(radii: &Vector, side: Option<Side>, a: &Vector, b: &Vect
     Wrap::Certain(Contact { first, last, length: found.length * unit_length, spread })
 }
 
-/// Length of all of a path.
-fn whole(a: &Vector, b: &Vector, contact: &Contact) -> f64 {
-    norm(&minus(&contact.first, a)) + contact.length + norm(&minus(b, &contact.last))
-}
-
 struct Ellipsoid {
     radii: Vector,
     /// 2/r²: the second derivatives of f.
@@ -105,7 +100,7 @@ impl Ellipsoid {
         let affine = self.affine(a, b);
         // The shortest way is no longer than any: not one that goes around more than once.
         let is_short = |contact: &Contact| {
-            contact.length > 0.0 && affine.is_none_or(|(_, _, all)| whole(a, b, contact) <= all * (1.0 + 1e-3))
+            contact.length > 0.0 && affine.is_none_or(|(_, _, all)| contact.path_length(a, b) <= all * (1.0 + 1e-3))
         };
         let nearby = |(first, length)| fine(self.onto(&first), length).filter(is_short);
         let around = || {
@@ -130,7 +125,7 @@ impl Ellipsoid {
         let (first, length) = self.section(a, b, &guide(&self.radii, side, a, b)?)?;
         let is_near = |contact: &Contact| {
             let all = norm(&minus(&first, a)) + length;
-            contact.length > 0.0 && (whole(a, b, contact) - all).abs() < all
+            contact.length > 0.0 && (contact.path_length(a, b) - all).abs() < all
         };
         let fine = |first, length| self.taut(a, b, first, length, &FINE).filter(is_near);
         let nearby = |(first, length)| fine(self.onto(&first), length);

@@ -290,7 +290,22 @@ pub enum ObstacleEntry {
     Parts { name: String, parts: [usize; 2] },
 }
 
+impl PointEntry {
+    /// Whether it is always at the same place as another point.
+    pub fn repeats(&self, other: &Self) -> bool {
+        let is_fixed =
+            |p: &Self| p.when.is_none() && p.moves.is_none() && p.x.is_none() && p.y.is_none() && p.z.is_none();
+        is_fixed(self) && is_fixed(other) && self.body == other.body && self.point == other.point
+    }
+}
+
 impl ObstacleEntry {
+    pub fn surface(&self) -> &str {
+        match self {
+            Self::Any(name) | Self::Part { name, .. } | Self::Parts { name, .. } => name,
+        }
+    }
+
     /// Numbers its parts anew after points of the path were taken out that repeated the one before (their numbers, increasing). False if no part
     /// is left.
     pub fn renumber(&mut self, removed: &[usize]) -> bool {
@@ -743,23 +758,11 @@ impl SurfaceEntry {
 impl MuscleEntry {
     /// A path has a length and no two points in a row at one place, where its direction would be none.
     fn check_length(&self) -> Checked<()> {
-        let fixed =
-            |p: &PointEntry| p.when.is_none() && [&p.x, &p.y, &p.z].iter().all(|f| f.is_none()) && p.moves.is_none();
-        let same = |pair: &[PointEntry]| {
-            pair.iter().all(fixed) && pair[0].body == pair[1].body && pair[0].point == pair[1].point
-        };
-        match self.path.windows(2).position(same) {
-            None => Ok(()),
-            Some(k) => {
-                let index = (k + 1).to_string();
-                let message = "the point is where the one before is: the path has no length between them";
-                Err(Issue::new(
-                    &["muscle", &self.name, "path", &index],
-                    message,
-                    "remove one of the two points, or mend its place",
-                ))
-            }
-        }
+        let Some(k) = self.path.windows(2).position(|pair| pair[1].repeats(&pair[0])) else { return Ok(()) };
+        let index = (k + 1).to_string();
+        let message = "the point is where the one before is: the path has no length between them";
+        let help = "remove one of the two points, or mend its place";
+        Err(Issue::new(&["muscle", &self.name, "path", &index], message, help))
     }
 
     fn check(&self, names: &Names<'_>, defaults: &MusclesEntry, force_velocity: ForceVelocity) -> Checked<Muscle> {

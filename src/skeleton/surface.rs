@@ -87,6 +87,15 @@ impl Wrap {
             Wrap::Missed | Wrap::Inside => None,
         }
     }
+
+    /// [`Contact::seen_from`], of the contact if there is one.
+    pub fn seen_from(self, frame: &Frame<f64>) -> Self {
+        match self {
+            Wrap::Possible(contact) => Wrap::Possible(contact.seen_from(frame)),
+            Wrap::Certain(contact) => Wrap::Certain(contact.seen_from(frame)),
+            other => other,
+        }
+    }
 }
 
 /// Where a path lies on a surface: it comes in at `first`, leaves at `last`, `length` of it between them.
@@ -99,6 +108,11 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// Length of a path that comes from `a` and goes on to `b`.
+    pub fn path_length(&self, a: &Vector, b: &Vector) -> f64 {
+        norm(&minus(&self.first, a)) + self.length + norm(&minus(b, &self.last))
+    }
+
     /// The same contact in the frame that `frame` is in.
     pub fn seen_from(self, frame: &Frame<f64>) -> Self {
         Contact { first: frame.point(&self.first), last: frame.point(&self.last), ..self }
@@ -125,7 +139,7 @@ impl Shape {
         match self {
             Shape::Sphere { radius, side } => [1.0, *radius, 0.0, 0.0, of(side)],
             Shape::Cylinder { radius, side, length } => [2.0, *radius, *length, 0.0, of(side)],
-            Shape::Ellipsoid { radii: [x, y, z], side } => [3.0 + of(side) / 8.0, *x, *y, *z, 0.0],
+            Shape::Ellipsoid { radii: [x, y, z], side } => [3.0, *x, *y, *z, of(side)],
             Shape::Torus { ring, tube, side } => [5.0, *ring, *tube, 0.0, of(side)],
         }
     }

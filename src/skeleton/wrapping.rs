@@ -155,8 +155,7 @@ impl<'p> Tracing<'p> {
                 let (a, b) = self.ends(segment, place, place);
                 last = self.wrap(surface, &a, &b, near);
                 let (Wrap::Possible(contact) | Wrap::Certain(contact)) = last else { continue };
-                let longer = norm(&minus(&contact.first, &a)) + contact.length + norm(&minus(&b, &contact.last))
-                    - norm(&minus(&b, &a));
+                let longer = contact.path_length(&a, &b) - norm(&minus(&b, &a));
                 let found = (longer, place, Touch { surface, segment, contact });
                 if matches!(last, Wrap::Certain(_)) {
                     best = Some(found);
@@ -187,12 +186,7 @@ impl<'p> Tracing<'p> {
         let Placed { frame, shape, .. } = &self.surfaces[surface];
         let inward = &self.inward[surface];
         let near = near.map(|contact| contact.seen_from(inward));
-        let outward = |contact: Contact| contact.seen_from(frame);
-        match shape.wrap(&inward.point(a), &inward.point(b), near.as_ref()) {
-            Wrap::Possible(contact) => Wrap::Possible(outward(contact)),
-            Wrap::Certain(contact) => Wrap::Certain(outward(contact)),
-            other => other,
-        }
+        shape.wrap(&inward.point(a), &inward.point(b), near.as_ref()).seen_from(frame)
     }
 
     /// Each contact between those it lies between, again and again until nothing moves.

@@ -11,6 +11,7 @@ use sinew::skeleton::file::SkeletonFile;
 use sinew::skeleton::text::text;
 
 use super::cli::{sinew, text as text_of};
+use super::support::shared;
 
 fn fixture(name: &str) -> SourceFile {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/osim").join(name);
@@ -165,15 +166,6 @@ fn what_is_imported_and_written_is_read_back() {
     for name in ["arm_v1.osim", "arm_v4.osim", "kinds_v4.osim"] {
         goes_round(&import(&fixture(name)).unwrap());
     }
-}
-
-fn shared(file: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(file);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
 }
 
 #[test]

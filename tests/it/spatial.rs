@@ -10,7 +10,7 @@ use sinew::skeleton::frame::{Vector, cross, dot, minus, norm, unit};
 use sinew::skeleton::surface::{Contact, Shape, Side};
 
 use super::cli::{sinew, text};
-use super::support::{folder, root};
+use super::support::{folder, root, shared};
 
 fn upper_limb() -> Skeleton {
     let path = root().join("data/models/upper_limb.toml");
@@ -209,12 +209,8 @@ fn lengths_and_moment_arms_are_opensims_in_seven_poses() {
 
 #[test]
 fn lengths_and_moment_arms_are_opensims_in_fifty_poses() {
-    let path = root().join("../shared/upper_limb/moment_arms_opensim_sample.csv");
-    let Ok(sample) = std::fs::read_to_string(&path) else {
-        eprintln!("SKIPPED: lengths_and_moment_arms_are_opensims_in_fifty_poses: {} is not there", path.display());
-        return;
-    };
-    let found = against_opensim(&sample);
+    let Some(path) = shared("upper_limb/moment_arms_opensim_sample.csv") else { return };
+    let found = against_opensim(&std::fs::read_to_string(path).unwrap());
     for (name, (length, arm)) in &found {
         eprintln!("{name:26} length within {length:6.3} mm, moment arms RMS {arm:6.3} mm");
     }

@@ -16,6 +16,16 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// A file of the folder beside the project, which is not everywhere.
+pub fn shared(file: &str) -> Option<PathBuf> {
+    let path = root().join("../shared").join(file);
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there", path.display());
+        return None;
+    }
+    Some(path)
+}
+
 pub fn model(name: &str) -> Model {
     let path = root().join("data/models").join(name);
     ModelFile::load(&SourceFile::read(&path).unwrap()).unwrap().1

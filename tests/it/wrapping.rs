@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rand::{RngExt, SeedableRng};
 use sinew::error::SourceFile;
@@ -13,16 +13,7 @@ use sinew::skeleton::wrapping::{Placed, touches};
 use sinew::study::load_skeleton;
 
 use super::cli::{sinew, text};
-use super::support::{folder, root};
-
-fn shared(file: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(file);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
+use super::support::{folder, root, shared};
 
 fn total(contact: &Contact, a: &Vector, b: &Vector) -> f64 {
     norm(&minus(&contact.first, a)) + contact.length + norm(&minus(b, &contact.last))
