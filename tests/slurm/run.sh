@@ -35,6 +35,7 @@ model = "$here/../../data/models/arm.toml"
 motion = "$here/../../data/motions/arm_curl.csv"
 [base]
 h = 0.02
+stages = 1
 [sweep.grid]
 bounds = ["activation", "both"]
 mu = { from = 0.05, to = 0.5, count = 36 }
@@ -45,7 +46,7 @@ finished() { cat "$dir"/cluster/finished*.jsonl 2> /dev/null | wc -l; }
 waiting() { timeout 10 squeue -h -o %i | wc -l; }
 # Until nothing is queued; elements that a lost node ran are held for two minutes, unless they are let go.
 until_done() {
-  for _ in $(seq 300); do
+  for _ in $(seq 1200); do
     for job in $(timeout 10 squeue -h -t PD -o '%A %r' | awk '$2 == "BeginTime" { print $1 }'); do
       timeout 10 scontrol update jobid="$job" StartTime=now || true
     done
@@ -60,7 +61,7 @@ echo "submit 20 shards; an array has 9"
 "$sinew" slurm "$dir/study.toml" --out "$dir/cluster" --shards 20 --submit | tee "$dir/submit.txt"
 grep -q '^submitted 9 shard(s) (0-8)' "$dir/submit.txt" || fail "the array is not as large as it may be"
 
-for _ in $(seq 200); do
+for _ in $(seq 1200); do
   [ "$(finished)" -ge 8 ] && break
   sleep 0.05
 done
