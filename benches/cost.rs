@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant as Clock;
 
+use sinew::deadline::Deadline;
 use sinew::guess::start_guess;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::kkt::{Kkt, KktValues, Rows};
@@ -57,11 +58,11 @@ fn cost(study: &Study, job: &Job) -> Option<Cost> {
     let (settings, points) = (&job.settings, job.points);
     let model = study.model_of(job).ok()?;
     let motion = motion_settings(settings);
-    let measurement = motion.measure(&study.motion, &model, points).ok()?;
+    let measurement = motion.measure(&study.motion, &model, points, Deadline::default()).ok()?;
     let (instant, scheme) = discretise(&model, settings, points, study.motion.duration() * settings.time_scale);
     let instant = instant.within(Arc::new(motion.surroundings(&study.motion, &model)));
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
-    let guess = start_guess(&instant, scheme.as_ref(), points, &measurement)?;
+    let guess = start_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default())?;
     let guess = disturb(&guess, scheme.as_ref(), &model, settings.seed, settings.first_start);
 
     let mut kkt = Kkt::new(&problem);

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use divan::{Bencher, black_box};
+use sinew::deadline::Deadline;
 use sinew::guess::start_guess;
 use sinew::motion::Measurement;
 use sinew::nlp::active_set;
@@ -41,7 +42,8 @@ fn study(name: &str) -> Study {
 fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, Instant<'_>, &dyn Discretisation)) {
     let study = study("mesh.toml");
     let settings = &study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study").settings;
-    let measurement = motion_settings(settings).measure(&study.motion, &study.model, points).unwrap();
+    let measurement =
+        motion_settings(settings).measure(&study.motion, &study.model, points, Deadline::default()).unwrap();
     let (instant, scheme) = discretise(&study.model, settings, points, study.motion.duration());
     then(&study, settings, &measurement, instant, scheme.as_ref());
 }
@@ -50,7 +52,7 @@ fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, In
 fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
     with_job(points, |_, settings, measurement, instant, scheme| {
         let problem = transcribe(&instant, scheme, measurement, settings);
-        then(&problem, start_guess(&problem.instant, scheme, points, measurement).unwrap());
+        then(&problem, start_guess(&problem.instant, scheme, points, measurement, Deadline::default()).unwrap());
     });
 }
 
@@ -160,7 +162,7 @@ fn symbolic(bencher: Bencher, points: usize) {
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn guess(bencher: Bencher, points: usize) {
     with_job(points, |_, _, measurement, instant, scheme| {
-        bencher.bench_local(|| start_guess(&instant, scheme, points, measurement));
+        bencher.bench_local(|| start_guess(&instant, scheme, points, measurement, Deadline::default()));
     });
 }
 

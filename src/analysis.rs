@@ -1,9 +1,9 @@
 //! What is said of the runs of a job: the best one's loads, ranks where they are wanted, how far the answer may move, how it follows
 //! parameters, and how far it is off for the mesh.
 
+use crate::deadline::Deadline;
 use crate::mesh_error;
 use crate::motion::Measurement;
-use crate::nlp::deadline::Deadline;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
 use crate::nlp::polish::{ACTIVE, active, polish};
@@ -24,6 +24,76 @@ const SAME_OPTIMUM: f64 = 1e-6;
 /// A null direction (of length 1) that moves a normalised muscle force by more than this moves loads.
 const MOVES_LOAD: f64 = 1e-6;
 
+/// What came of a job's starts. Of all but the best only the optima are kept: there may be very many starts.
+pub struct Runs {
+    /// The converged run of lowest objective; if none converged, that of least KKT error.
+    pub best: SqpOutcome,
+    pub made: usize,
+    pub converged: usize,
+    optima: Vec<Optimum>,
+}
+
+/// An optimum: objectives more than 1e-6 relative, or idle sets, apart.
+struct Optimum {
+    /// Of lowest objective.
+    iterate: Iterate,
+    idle: Vec<bool>,
+    starts: i64,
+}
+
+impl Runs {
+    /// Of the first run.
+    pub fn of(run: SqpOutcome, problem: &Collocation<'_>) -> Self {
+        let mut runs = Self { best: run, made: 1, converged: 0, optima: Vec::new() };
+        if runs.best.status == SqpStatus::Converged {
+            runs.converged = 1;
+            runs.optima.push(Optimum::of(runs.best.iterate.clone(), problem));
+        }
+        runs
+    }
+
+    /// Adds one run more.
+    pub fn add(&mut self, run: SqpOutcome, problem: &Collocation<'_>) {
+        self.made += 1;
+        let error = |run: &SqpOutcome| Some(run.iterate.kkt_error().largest()).filter(|e| e.is_finite());
+        let is_better = match (run.status == SqpStatus::Converged, self.converged > 0) {
+            (true, true) => run.iterate.objective < self.best.iterate.objective,
+            (false, false) => match (error(&run), error(&self.best)) {
+                (Some(new), Some(old)) => new < old,
+                (new, old) => new.is_some() && old.is_none(),
+            },
+            (new, _) => new,
+        };
+        if run.status == SqpStatus::Converged {
+            self.converged += 1;
+            let new = Optimum::of(run.iterate.clone(), problem);
+            match self.optima.iter_mut().find(|known| known.is(&new)) {
+                Some(known) => {
+                    known.starts += 1;
+                    if new.iterate.objective < known.iterate.objective {
+                        known.iterate = new.iterate;
+                    }
+                }
+                None => self.optima.push(new),
+            }
+        }
+        if is_better {
+            self.best = run;
+        }
+    }
+}
+
+impl Optimum {
+    fn of(iterate: Iterate, problem: &Collocation<'_>) -> Self {
+        Self { idle: idle(problem, &iterate.x), iterate, starts: 1 }
+    }
+
+    fn is(&self, other: &Self) -> bool {
+        let (a, b) = (self.iterate.objective, other.iterate.objective);
+        (a - b).abs() <= SAME_OPTIMUM * a.abs().max(b.abs()) && self.idle == other.idle
+    }
+}
+
 /// What a job solved.
 pub struct Context<'c> {
     pub problem: &'c Collocation<'c>,
@@ -33,10 +103,10 @@ pub struct Context<'c> {
     pub deadline: Deadline,
 }
 
-/// The rows of a job from its runs, of which one is the best.
-pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &[SqpOutcome], best: usize) -> Outcome {
+/// The rows of a job from its runs.
+pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
     let Context { problem, scheme, measurement, settings, deadline } = *context;
-    let run = &runs[best];
+    let run = &runs.best;
     let converged = run.status == SqpStatus::Converged;
     // Ranks are taken at the polished point; it is also the solution where it is as good a one.
     let polished = if deadline.passed() { None } else { polished(kkt, problem, &run.iterate) };
@@ -49,8 +119,8 @@ pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &[SqpOutcome], best: 
         job: JobRow {
             status: run.status.into(),
             error: reason(run),
-            n_starts: Some(runs.len() as i64),
-            n_converged_starts: Some(runs.iter().filter(|r| r.status == SqpStatus::Converged).count() as i64),
+            n_starts: Some(runs.made as i64),
+            n_converged_starts: Some(runs.converged as i64),
             iterations: Some(run.iterations() as i64),
             factorisations: Some(kkt.factorisations as i64),
             polished: Some(polished.is_some()),
@@ -71,7 +141,7 @@ pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &[SqpOutcome], best: 
         add_ranks(&mut outcome, context, counter, &solution, ranked_at, converged);
     }
     let known = outcome.regularity.as_ref().map(|row| (row.a.deficiency, row.aj.deficiency));
-    outcome.optima = optima(kkt, problem, runs, counter.as_mut(), known);
+    outcome.optima = optima(kkt, problem, &runs.optima, counter.as_mut(), known);
     outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
     if converged {
         add_changes(&mut outcome, context, kkt, &solution);
@@ -149,46 +219,35 @@ fn add_changes(outcome: &mut Outcome, context: &Context<'_>, kkt: &mut Kkt, solu
     }
 }
 
-/// The optima among the converged runs, the lowest first: objectives more than 1e-6 relative, or idle sets, apart. `lowest`: the deficiencies of
-/// the lowest one where they are known.
+/// The optima that the starts met, the lowest first. `lowest`: the deficiencies of the lowest one where they are known.
 fn optima(
     kkt: &mut Kkt,
     problem: &Collocation<'_>,
-    runs: &[SqpOutcome],
+    met: &[Optimum],
     mut counter: Option<&mut RankCounter>,
     lowest: Option<(i64, i64)>,
 ) -> Vec<OptimumRow> {
-    let mut converged: Vec<&SqpOutcome> = runs.iter().filter(|run| run.status == SqpStatus::Converged).collect();
-    converged.sort_by(|a, b| a.iterate.objective.total_cmp(&b.iterate.objective));
-    let mut optima: Vec<(OptimumRow, Vec<bool>)> = Vec::new();
-    for run in converged {
-        let (objective, idle) = (run.iterate.objective, idle(problem, &run.iterate.x));
-        let same = |(row, other): &&mut (OptimumRow, Vec<bool>)| {
-            let size = objective.abs().max(row.objective.abs());
-            (row.objective - objective).abs() <= SAME_OPTIMUM * size && *other == idle
-        };
-        if let Some((row, _)) = optima.iter_mut().find(same) {
-            row.starts += 1;
-            continue;
-        }
-        let deficiencies = lowest.filter(|_| optima.is_empty()).or_else(|| {
+    let mut met: Vec<&Optimum> = met.iter().collect();
+    met.sort_by(|a, b| a.iterate.objective.total_cmp(&b.iterate.objective));
+    let mut rows: Vec<OptimumRow> = Vec::new();
+    for Optimum { iterate, idle, starts } in met {
+        let deficiencies = lowest.filter(|_| rows.is_empty()).or_else(|| {
             let counter = counter.as_mut()?;
-            let point = polished(kkt, problem, &run.iterate).unwrap_or_else(|| run.iterate.clone());
+            let point = polished(kkt, problem, iterate).unwrap_or_else(|| iterate.clone());
             let (a, aj) = counter.deficiencies(&point, &active_rows(problem, &point).0)?;
             Some((a as i64, aj as i64))
         });
-        let names = problem.instant.model.muscles.iter().zip(&idle).filter(|(_, idle)| **idle);
+        let names = problem.instant.model.muscles.iter().zip(idle).filter(|(_, idle)| **idle);
         let names: Vec<&str> = names.map(|(muscle, _)| muscle.name.as_str()).collect();
-        let row = OptimumRow {
-            objective,
-            starts: 1,
+        rows.push(OptimumRow {
+            objective: iterate.objective,
+            starts: *starts,
             idle: names.join(", "),
             deficiency_a: deficiencies.map(|d| d.0),
             deficiency_aj: deficiencies.map(|d| d.1),
-        };
-        optima.push((row, idle));
+        });
     }
-    optima.into_iter().map(|(row, _)| row).collect()
+    rows
 }
 
 /// Which muscles have |a| ≤ 1e-8 at every collocation point.

@@ -10,6 +10,8 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, SourceFile};
+use crate::files::write_whole;
+use crate::run::folder::claim;
 use crate::run::manifest::Manifest;
 use crate::study::sweep::SAMPLE;
 use crate::tables::{self, Table, Values, schema};
@@ -527,15 +529,33 @@ fn agrees(old: &Table, row: usize, new: &Table, at: usize, column: &str, toleran
 /// Makes the tables of a results folder the baseline: those that it has, or the usual ones if it is new.
 ///
 /// # Errors
-/// If a file cannot be copied.
+/// If they are not whole and readable, not all of the study, or not what their manifest speaks of; if the baseline has files
+/// that Sinew has not written; if a file cannot be copied.
 pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
-    if !folder.join("jobs.parquet").exists() {
-        return Err(Error::table("accept", folder, "there is no jobs.parquet in it, so it holds no results"));
+    let refuse = |reason: String| Err(Error::table("accept", folder, reason));
+    let Some(mut manifest) = Manifest::read(folder)? else {
+        return refuse("there is no manifest.json in it, so it holds no results".to_owned());
+    };
+    if let Some(name) = manifest.altered(folder).first() {
+        return refuse(format!(
+            "{name} is not the file that its manifest speaks of; `sinew merge` makes the tables again"
+        ));
+    }
+    if !manifest.files.contains_key("jobs.parquet") {
+        return refuse("its run has not ended, so there are no tables".to_owned());
+    }
+    let jobs = manifest.jobs.len();
+    if manifest.finished < jobs {
+        return refuse(format!("{} of {jobs} job(s) are finished; run the study to its end first", manifest.finished));
+    }
+    for name in schema::TABLES.iter().filter(|name| manifest.files.contains_key(&format!("{name}.parquet"))) {
+        tables::read(name, &folder.join(format!("{name}.parquet")))?;
     }
     if folder.canonicalize().ok().is_some_and(|path| baseline.canonicalize().ok() == Some(path)) {
         return Err(Error::table("accept", folder, "it is the baseline itself"));
     }
     std::fs::create_dir_all(baseline).map_err(|e| Error::io("create", baseline, e))?;
+    claim(baseline)?;
     let file = |name: &str| format!("{name}.parquet");
     let has_own = baseline.join(file("jobs")).exists();
     let wanted = |name: &&&str| {
@@ -546,18 +566,13 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
     };
     let names: Vec<String> = schema::TABLES.iter().filter(wanted).map(|name| file(name)).collect();
     for name in &names {
-        let (from, to) = (folder.join(name), baseline.join(name));
-        let partial = baseline.join(format!("{name}.part"));
-        std::fs::copy(&from, &partial)
-            .and_then(|_| std::fs::rename(&partial, &to))
-            .map_err(|e| Error::io("copy to", &to, e))?;
+        let from = folder.join(name);
+        write_whole(&baseline.join(name), std::fs::read(&from).map_err(|e| Error::io("read", &from, e))?)?;
     }
     for name in schema::TABLES.iter().map(|name| file(name)).filter(|name| !names.contains(name)) {
         let _ = std::fs::remove_file(baseline.join(name)); // a table that the results no longer have
     }
-    if let Some(mut manifest) = Manifest::read(folder)? {
-        manifest.files.retain(|name, _| names.contains(name));
-        manifest.portable().write(baseline)?;
-    }
+    manifest.files.retain(|name, _| names.contains(name));
+    manifest.portable().write(baseline)?;
     Ok(names)
 }

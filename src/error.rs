@@ -98,7 +98,7 @@ pub fn nearest<'a>(found: &str, allowed: impl IntoIterator<Item = &'a str>) -> O
 /// A text file and where it came from; turns places in it into errors.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SourceFile {
-    #[serde(rename = "file")]
+    #[serde(rename = "file", serialize_with = "crate::files::as_text")]
     pub path: PathBuf,
     pub text: String,
 }

@@ -12,10 +12,10 @@
 //! DEPARTURE [thesis, Paper B, eq. 24]: the tendon's velocity comes from the splines through neighbouring points; solving
 //! eq. (24) for it point by point inverts the flat ends of the force–velocity curve.
 
+use crate::deadline::Deadline;
 use crate::model::Model;
 use crate::model::curves::{active_force_length, passive_force_length, tendon_strain};
 use crate::motion::Measurement;
-use crate::nlp::deadline::Deadline;
 use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;
 use crate::numerics::bspline::SplineSpace;
@@ -44,8 +44,8 @@ pub struct Guess<'g> {
 }
 
 impl<'g> Guess<'g> {
-    /// The guess on `points` instants, or `None` where a fit or a programme failed (non-finite data).
-    pub fn new(instant: &Instant<'g>, points: usize, measurement: &Measurement) -> Option<Self> {
+    /// The guess on `points` instants, or `None` where a fit or a programme failed (non-finite data), or the deadline passes.
+    pub fn new(instant: &Instant<'g>, points: usize, measurement: &Measurement, deadline: Deadline) -> Option<Self> {
         let model = instant.model;
         let duration = measurement.times[measurement.times.len() - 1];
         let scheme = Midpoint::new(&Instant::new(model, Form::SecondOrder), points, duration);
@@ -63,7 +63,7 @@ impl<'g> Guess<'g> {
         for &t in &times {
             let at =
                 |derivative| -> Vec<f64> { coordinates.iter().map(|c| coordinate.value(c, t, derivative)).collect() };
-            let (force, reaction) = share_load(instant, t, [&at(0), &at(1), &at(2)])?;
+            let (force, reaction) = share_load(instant, t, [&at(0), &at(1), &at(2)], deadline)?;
             let q = all_coordinates(instant, t, &at(0));
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let mut path = muscle.path.buffer();
@@ -142,8 +142,9 @@ pub fn start_guess(
     scheme: &dyn Discretisation,
     points: usize,
     measurement: &Measurement,
+    deadline: Deadline,
 ) -> Option<Vec<f64>> {
-    let x = scheme.compose(&Guess::new(instant, points, measurement)?);
+    let x = scheme.compose(&Guess::new(instant, points, measurement, deadline)?);
     x.iter().all(|v| v.is_finite()).then_some(x)
 }
 
@@ -173,7 +174,15 @@ fn all_coordinates(instant: &Instant<'_>, t: f64, q: &[f64]) -> Vec<f64> {
 }
 
 /// Normalised tendon forces and reactions (in total weights) of least activation at one instant of the motion q, q̇, q̈.
-fn share_load(instant: &Instant<'_>, t: f64, [q, velocity, acceleration]: [&[f64]; 3]) -> Option<(Vec<f64>, Vec<f64>)> {
+fn share_load(
+    instant: &Instant<'_>,
+    t: f64,
+    [q, velocity, acceleration]: [&[f64]; 3],
+    deadline: Deadline,
+) -> Option<(Vec<f64>, Vec<f64>)> {
+    if deadline.passed() {
+        return None;
+    }
     let model = instant.model;
     let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
     let all = all_coordinates(instant, t, q);
@@ -224,7 +233,7 @@ fn share_load(instant: &Instant<'_>, t: f64, [q, velocity, acceleration]: [&[f64
         equality_values: &unloaded,
         inequalities: &inequalities,
         inequality_values: &inequality_values,
-        deadline: Deadline::default(),
+        deadline,
     }
     .solve()
     .ok()?;

@@ -24,8 +24,13 @@
 //! plausibility.rs warnings on what converged and should not be believed as it is
 //! uniqueness.rs   how far an answer that is not unique may move; sensitivities
 //! analysis.rs     the runs of a job → its rows
+//! deadline.rs     when a job has to end
+//! memory.rs       how much memory a job will take
 //! solve.rs        one job → outcome, the pipeline on one screen. No disk, no printing.
 //! outcome.rs      the rows that a job leaves
+//! names.rs        what names may be
+//! files.rs        files that are written whole or not at all
+//! terminal.rs     the one place that prints, which cannot fail a run
 //! run/            jobs in parallel, kept as they finish; shards, retries, manifest; why a job would run
 //! tables/         the columns, Parquet
 //! compare.rs      results against a baseline, from the tables alone
@@ -48,11 +53,15 @@ pub const SOLVER: &str = env!("SINEW_SOLVER");
 pub mod analysis;
 pub mod cli;
 pub mod compare;
+pub mod deadline;
 pub mod error;
+pub mod files;
 pub mod guess;
+pub mod memory;
 pub mod mesh_error;
 pub mod model;
 pub mod motion;
+pub mod names;
 pub mod nlp;
 pub mod numerics;
 pub mod opensim;
@@ -66,6 +75,7 @@ pub mod solve;
 pub mod study;
 pub mod table1;
 pub mod tables;
+pub mod terminal;
 pub mod transcription;
 pub mod uniqueness;
 pub mod warm;

@@ -6,13 +6,14 @@ use std::time::Instant as Clock;
 
 use rand::{RngExt, SeedableRng};
 
-use crate::analysis::{Context, analyse};
+use crate::analysis::{Context, Runs, analyse};
+use crate::deadline::Deadline;
 use crate::guess::start_guess;
+use crate::memory;
 use crate::model::Model;
-use crate::model::assembly::CannotAssemble;
-use crate::motion::{Measurement, MotionSettings, MotionTable};
-use crate::nlp::deadline::Deadline;
+use crate::motion::{Measurement, MotionSettings, MotionTable, Unmeasured};
 use crate::nlp::kkt::Kkt;
+use crate::nlp::problem::Problem;
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus, Start};
 use crate::outcome::{Outcome, Status};
 use crate::plausibility::{self, Warning};
@@ -72,46 +73,60 @@ fn solve_timed(
         warn(&mut outcome, motion.clone(), model, settings);
         (outcome, None)
     };
-    let measurement = match motion_settings(settings).measure(table, model, points) {
+    let deadline = Deadline::after(clock, settings.time_limit_s);
+    let size = memory::Size::of(&instant_of(model, settings), settings, points);
+    if let Some(reason) = memory::refused(size.transcribing(), settings) {
+        return failed(Status::Invalid, &reason);
+    }
+    let measurement = match motion_settings(settings).measure(table, model, points, deadline) {
         Ok(measurement) => measurement,
-        Err((time, gap)) => return failed(Status::Infeasible, &open_joints(time, &gap)),
+        Err(late @ Unmeasured::Late) => return failed(Status::TimeLimit, &late.to_string()),
+        Err(open) => return failed(Status::Infeasible, &open.to_string()),
     };
     let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
     let instant = instant.within(Arc::new(motion_settings(settings).surroundings(table, model)));
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
-    let deadline = Deadline::after(clock, settings.time_limit_s);
     let sqp_settings = SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() };
     let solved = Clock::now();
     let coarse = coarser(model, table, settings, points, clock);
     // The start by inverse dynamics gives way to a better one.
     let warm = before.or(coarse.as_ref()).map(|answer| answer.start(&problem, scheme.as_ref()));
-    let mut starts: Vec<Start> = warm.into_iter().collect();
-    let guess = || start_guess(&instant, scheme.as_ref(), points, &measurement);
-    let is_warm = !starts.is_empty();
-    if starts.len() < settings.starts {
-        let Some(guess) = guess() else {
-            return failed(Status::NonFinite, "the start guess by inverse dynamics is not finite");
+    let guess = || start_guess(&instant, scheme.as_ref(), points, &measurement, deadline);
+    let (is_warm, is_alone) = (warm.is_some(), warm.is_some() && settings.starts == 1);
+    let first = if is_alone { None } else { guess() };
+    if first.is_none() && !is_alone {
+        return match deadline.passed() {
+            true => failed(Status::TimeLimit, &Unmeasured::Late.to_string()),
+            false => failed(Status::NonFinite, "the start guess by inverse dynamics is not finite"),
         };
-        let rest = settings.first_start + starts.len()..settings.first_start + settings.starts;
-        starts.extend(rest.map(|k| disturb(&guess, scheme.as_ref(), model, settings.seed, k).into()));
     }
+    let disturbed = |guess: &[f64], k| disturb(guess, scheme.as_ref(), model, settings.seed, settings.first_start + k);
+    let rest = (usize::from(is_warm)..settings.starts).filter_map(|k| Some(Start::from(disturbed(first.as_ref()?, k))));
     let mut kkt = Kkt::new(&problem);
+    if let Some(reason) = memory::refused(size.solving(kkt.bytes(), problem.variables(), settings), settings) {
+        return failed(Status::Invalid, &reason);
+    }
     // A warm start that leads nowhere gives way to the one by inverse dynamics.
-    let cold = || guess().map(|guess| disturb(&guess, scheme.as_ref(), model, settings.seed, settings.first_start));
+    let cold = || guess().map(|guess| disturbed(&guess, 0));
+    let starts = warm.into_iter().chain(rest);
     let runs = solve_all(&mut kkt, &problem, starts, is_warm.then_some(&cold as &dyn Fn() -> _), sqp_settings);
     let solve_s = solved.elapsed().as_secs_f64();
-    let best = best(&runs);
-    let run = &runs[best];
+    let run = &runs.best;
     if run.status == SqpStatus::NonFinite {
         return failed(Status::NonFinite, "a function or derivative is not finite along the way");
     }
 
     let ranked = Clock::now();
     let context = Context { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, settings, deadline };
-    let mut outcome = analyse(&context, &mut kkt, &runs, best);
+    let mut outcome = analyse(&context, &mut kkt, &runs);
     outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
     warn(&mut outcome, motion, model, settings);
+    if runs.made < settings.starts {
+        let word = format!("{} of {} starts were made before the time limit", runs.made, settings.starts);
+        let remark = &mut outcome.job.remark;
+        *remark = Some(remark.take().map_or(word.clone(), |remark| format!("{word}; {remark}")));
+    }
     let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
     (outcome, answer)
 }
@@ -120,32 +135,24 @@ fn solve_timed(
 fn solve_all(
     kkt: &mut Kkt,
     problem: &Collocation<'_>,
-    starts: Vec<Start>,
+    mut starts: impl Iterator<Item = Start>,
     reserve: Option<&dyn Fn() -> Option<Vec<f64>>>,
     settings: SqpSettings,
-) -> Vec<SqpOutcome> {
-    let mut runs: Vec<SqpOutcome> = Vec::with_capacity(starts.len());
-    for start in starts {
-        if !runs.is_empty() && settings.deadline.passed() {
-            break;
-        }
-        runs.push(sqp::solve_with(kkt, problem, start, settings));
+) -> Runs {
+    let first = starts.next().expect("there is a start");
+    let mut runs = Runs::of(sqp::solve_with(kkt, problem, first, settings), problem);
+    while !settings.deadline.passed()
+        && let Some(start) = starts.next()
+    {
+        runs.add(sqp::solve_with(kkt, problem, start, settings), problem);
     }
-    if !settings.deadline.passed() && runs.iter().all(|run| run.status != SqpStatus::Converged) {
-        let cold = reserve.and_then(|start| start());
-        runs.extend(cold.map(|x| sqp::solve_with(kkt, problem, x, settings)));
+    if !settings.deadline.passed()
+        && runs.converged == 0
+        && let Some(x) = reserve.and_then(|start| start())
+    {
+        runs.add(sqp::solve_with(kkt, problem, x, settings), problem);
     }
     runs
-}
-
-fn open_joints(time: f64, gap: &CannotAssemble) -> String {
-    format!(
-        "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small change of the \
-         pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
-        gap.joints.join(", "),
-        gap.gap,
-        gap.slope
-    )
 }
 
 /// Adds the warnings, on the motion and on the answer.
@@ -170,6 +177,14 @@ pub fn motion_settings(settings: &Settings) -> MotionSettings {
     }
 }
 
+/// The equations at an instant, in the form that the scheme of `settings` wants.
+fn instant_of<'m>(model: &'m Model, settings: &Settings) -> Instant<'m> {
+    match settings.scheme {
+        Scheme::Midpoint => Instant::new(model, Form::SecondOrder),
+        Scheme::Radau => Instant::new(model, Form::Stabilised),
+    }
+}
+
 /// The equations at an instant and the scheme that `settings` ask for, on `points` points (p) over `duration` seconds.
 pub fn discretise<'m>(
     model: &'m Model,
@@ -177,19 +192,15 @@ pub fn discretise<'m>(
     points: usize,
     duration: f64,
 ) -> (Instant<'m>, Box<dyn Discretisation>) {
-    match settings.scheme {
-        Scheme::Midpoint => {
-            let instant = Instant::new(model, Form::SecondOrder);
-            let scheme = Midpoint::new(&instant, points, duration);
-            (instant, Box::new(scheme))
-        }
+    let instant = instant_of(model, settings);
+    let scheme: Box<dyn Discretisation> = match settings.scheme {
+        Scheme::Midpoint => Box::new(Midpoint::new(&instant, points, duration)),
         Scheme::Radau => {
-            let instant = Instant::new(model, Form::Stabilised);
             let equilibrium = settings.initial == Initial::Equilibrium;
-            let scheme = Radau::new(&instant, points - 1, settings.stages, duration, equilibrium);
-            (instant, Box::new(scheme))
+            Box::new(Radau::new(&instant, points - 1, settings.stages, duration, equilibrium))
         }
-    }
+    };
+    (instant, scheme)
 }
 
 /// Rows of the load-sharing term by muscle, without μ; none with μ = 0.
@@ -270,17 +281,6 @@ pub fn disturb(guess: &[f64], scheme: &dyn Discretisation, model: &Model, seed: 
     }
     scheme.settle(&mut x);
     x
-}
-
-/// The converged run of lowest objective; if none converged, that of least KKT error.
-fn best(runs: &[SqpOutcome]) -> usize {
-    let converged = runs.iter().enumerate().filter(|(_, run)| run.status == SqpStatus::Converged);
-    let nearest = || {
-        let error = |run: &SqpOutcome| Some(run.iterate.kkt_error().largest()).filter(|e| e.is_finite());
-        let errors = runs.iter().enumerate().filter_map(|(k, run)| Some((k, error(run)?)));
-        errors.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(k, _)| k)
-    };
-    converged.min_by(|a, b| a.1.iterate.objective.total_cmp(&b.1.iterate.objective)).map_or_else(nearest, |(k, _)| k)
 }
 
 /// Why a run did not converge.

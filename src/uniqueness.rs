@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::nlp::deadline::Deadline;
+use crate::deadline::Deadline;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::{Kkt, KktValues, Rows};
 use crate::nlp::polish::active;

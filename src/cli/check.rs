@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{BAD_INPUT, GOOD, print};
+use super::{BAD_INPUT, GOOD, note, print};
 use crate::error::{Error, Issue, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
@@ -23,7 +23,7 @@ pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
         match check_one(path, model.as_ref()) {
             Ok(summary) => print(&format!("{}: {summary}", path.display())),
             Err(error) => {
-                eprintln!("{:?}", miette::Report::new(error));
+                note(&format!("{:?}", miette::Report::new(error)));
                 code = BAD_INPUT;
             }
         }

@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{FAILED_JOBS, GOOD, print};
+use super::{FAILED_JOBS, GOOD, note, print};
 use crate::compare::{Tolerance, Tolerances, accept, compare as compare_folders, verdict_text};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::files::write_whole;
 use crate::run::manifest::Manifest;
 
 /// Where the outcome goes beside the terminal, and what to do with it.
@@ -29,7 +30,7 @@ pub fn compare(dir: &Path, baseline: &Path, options: &Options) -> Result<u8> {
     let tolerances = Tolerances::read(baseline, &options.tolerances)?;
     let comparison = compare_folders(dir, baseline, &tolerances)?;
     for warning in &comparison.warnings {
-        eprintln!("warning: {warning}");
+        note(&format!("warning: {warning}"));
     }
     for (name, verdict) in &comparison.jobs {
         if let Some((headline, lines)) = verdict_text(verdict) {
@@ -42,7 +43,7 @@ pub fn compare(dir: &Path, baseline: &Path, options: &Options) -> Result<u8> {
     print(&format!("{}: {}", if comparison.drifted() { "drift" } else { "no drift" }, counts.join(", ")));
     let write = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String>| match path {
         None => Ok(()),
-        Some(path) => std::fs::write(path, text()?).map_err(|e| Error::io("write", path, e)),
+        Some(path) => write_whole(path, text()?),
     };
     let suite = Manifest::read(dir).ok().flatten().map_or_else(|| "sinew".to_owned(), |manifest| manifest.study.name);
     write(&options.json, &|| Ok(format!("{:#}\n", comparison.json())))?;

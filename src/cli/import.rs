@@ -4,7 +4,7 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{GOOD, print};
+use super::{GOOD, note, print};
 use crate::error::{Error, Result, SourceFile};
 use crate::opensim::{self, Note, Weight};
 use crate::skeleton::text::text;
@@ -80,7 +80,7 @@ pub fn say_lost(source: &SourceFile) -> Result<()> {
         if others > 0 {
             said.push_str(&format!("  and {others} thing(s) of less weight: `sinew check {name}` lists all\n"));
         }
-        let _ = std::io::stderr().write_all(said.as_bytes());
+        note(said.trim_end());
     }
     Ok(())
 }

@@ -12,15 +12,17 @@ mod show;
 mod slurm;
 mod status;
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::error::Error;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::files::write_whole;
 use crate::run::{RunOptions, Shard};
 use crate::tables::{Table, Writer};
+use crate::terminal::{self, note, print};
 
 /// Parallel parameter studies of inverse musculoskeletal biomechanics: muscle loads, and whether they are unique.
 #[derive(Parser)]
@@ -243,7 +245,10 @@ const INTERRUPTED: u8 = 130;
 
 /// Runs the program on the process' arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return answered(error),
+    };
     let result: Result<u8> = match cli.command {
         Command::Plan { study, out, all } => plan::plan(&study, out, all),
         Command::Run { study, out, jobs, fresh, failed, outdated, shard } => {
@@ -270,19 +275,34 @@ pub fn main() -> ExitCode {
         Command::Show { dir, all } => show::show(&dir, all),
         Command::Check { files, model } => check::check(&files, model.as_deref()),
     };
-    match result {
-        Ok(code) => ExitCode::from(code),
-        Err(error) => {
-            eprintln!("{:?}", miette::Report::new(error));
+    let code = result.unwrap_or_else(|error| {
+        note(&format!("{:?}", miette::Report::new(error)));
+        BAD_INPUT
+    });
+    ended(code)
+}
+
+/// Help, the version, or what is wrong with the arguments.
+fn answered(error: clap::Error) -> ExitCode {
+    let is_terminal =
+        if error.use_stderr() { std::io::stderr().is_terminal() } else { std::io::stdout().is_terminal() };
+    let text = if is_terminal { error.render().ansi().to_string() } else { error.render().to_string() };
+    match error.use_stderr() {
+        true => note(text.trim_end()),
+        false => print(text.trim_end()),
+    }
+    ended(u8::try_from(error.exit_code()).unwrap_or(BAD_INPUT))
+}
+
+/// The exit code, unless the answer could not be printed.
+fn ended(code: u8) -> ExitCode {
+    match terminal::failure() {
+        None => ExitCode::from(code),
+        Some(error) => {
+            note(&format!("cannot write to standard output: {error}; what was finished is kept in the results folder"));
             ExitCode::from(BAD_INPUT)
         }
     }
-}
-
-/// Prints without failing when the reader has gone (`sinew show … | head`).
-fn print(text: &str) {
-    use std::io::Write;
-    let _ = writeln!(std::io::stdout(), "{text}");
 }
 
 /// Writes a table to a file, by its ending CSV or Parquet (whose path comes back), or as CSV to the terminal.
@@ -292,7 +312,7 @@ fn write_table<'p>(table: &Table, metadata: Vec<(String, String)>, out: Option<&
         return Ok(None);
     };
     match path.extension().and_then(|e| e.to_str()) {
-        Some("csv") => std::fs::write(path, csv(table)?).map_err(|e| Error::io("write", path, e))?,
+        Some("csv") => write_whole(path, csv(table)?)?,
         Some("parquet") => {
             let mut writer = Writer::new(path, metadata);
             writer.append(table)?;
@@ -303,12 +323,18 @@ fn write_table<'p>(table: &Table, metadata: Vec<(String, String)>, out: Option<&
     Ok(Some(path))
 }
 
+/// A cell that spreadsheets do not take for a formula.
+fn no_formula(cell: String) -> String {
+    let is_text = cell.parse::<f64>().is_err();
+    if is_text && cell.starts_with(['=', '+', '-', '@', '\t', '\r']) { format!("'{cell}") } else { cell }
+}
+
 fn csv(table: &Table) -> Result<String> {
     let failed = |e: csv::Error| Error::table("write", Path::new("CSV"), e);
     let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(table.columns.iter().map(|(name, _)| name)).map_err(failed)?;
+    writer.write_record(table.columns.iter().map(|(name, _)| no_formula(name.clone()))).map_err(failed)?;
     for row in 0..table.rows() {
-        let fields = table.columns.iter().map(|(name, _)| table.display(name, row).unwrap_or_default());
+        let fields = table.columns.iter().map(|(name, _)| no_formula(table.display(name, row).unwrap_or_default()));
         writer.write_record(fields).map_err(failed)?;
     }
     let bytes = writer.into_inner().map_err(|e| Error::table("write", Path::new("CSV"), e))?;

@@ -1,6 +1,6 @@
 //! `sinew rank`: which muscles answer a change: every muscle against the job of the reference value, from the tables alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 use super::{GOOD, print, write_table};
@@ -71,20 +71,26 @@ pub fn rank(folder: &Path, options: &Options<'_>) -> Result<u8> {
     let converged = |row: usize| jobs.text("status", row) == Some(Status::Converged.name());
     let load = |row: usize| converged(row).then(|| loads.get(jobs.text("job_id", row)?))?;
     let mut columns: Vec<(String, Vec<Option<String>>)> = axes.iter().map(|axis| (axis.clone(), Vec::new())).collect();
+    let mut references: HashMap<Vec<(String, String)>, usize> = HashMap::new();
+    for row in rows().filter(|&row| is_reference(row)) {
+        references.entry(others(row)).or_insert(row);
+    }
     let (mut ranks, mut names) = (Vec::new(), Vec::new());
     let mut numbers: [Vec<Option<f64>>; 4] = Default::default();
     for row in rows().filter(|&row| !is_reference(row)) {
-        let reference = rows().find(|&other| is_reference(other) && others(other) == others(row));
+        let others = others(row);
+        let reference = references.get(&others).copied();
         let (Some(now), Some(before)) = (load(row), reference.and_then(load)) else { continue };
+        let before: HashMap<&str, f64> = before.iter().copied().collect();
         let mut changes: Vec<Change> = (now.iter())
             .filter_map(|(muscle, value)| {
                 // By name: a muscle that acts on nothing in one of the jobs has no row there.
-                let (_, reference) = before.iter().find(|(other, _)| other == muscle)?;
-                Some(Change { muscle: (*muscle).to_owned(), reference: *reference, value: *value })
+                let reference = *before.get(muscle)?;
+                Some(Change { muscle: (*muscle).to_owned(), reference, value: *value })
             })
             .collect();
         changes.sort_by(|a, b| (b.value - b.reference).abs().total_cmp(&(a.value - a.reference).abs()));
-        let here: Vec<String> = others(row).into_iter().map(|(axis, value)| format!("{axis} = {value}")).collect();
+        let here: Vec<String> = others.into_iter().map(|(axis, value)| format!("{axis} = {value}")).collect();
         let here = if here.is_empty() { String::new() } else { format!(" ({})", here.join(", ")) };
         if options.out.is_none() {
             print(&format!("\n{} = {}{here}: {}", options.axis, value(row), options.measure));

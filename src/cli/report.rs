@@ -4,24 +4,36 @@ use std::path::{Path, PathBuf};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result};
+use crate::files::write_whole;
 use crate::report::Report;
 
 /// Figures go into this folder beside the page.
 const FIGURES: &str = "figures";
 
+/// Refuses to write over a page that is none of Sinew's.
+fn is_replaceable(out: &Path) -> Result<()> {
+    let Ok(there) = std::fs::read(out) else { return Ok(()) };
+    let begin = &there[..there.len().min(4096)];
+    let is_own = |mark: &[u8]| begin.windows(mark.len()).any(|window| window == mark);
+    if there.is_empty() || is_own(b"content=\"Sinew\"") || is_own(b" \xe2\x80\x93 Sinew</title>") {
+        return Ok(());
+    }
+    Err(Error::table("write over", out, "it is no report of Sinew; choose another --out, or move it away"))
+}
+
 pub fn report(dir: &Path, baseline: Option<&Path>, out: Option<PathBuf>, svg: bool, job: Option<u64>) -> Result<u8> {
     let report = Report::read(dir, baseline)?;
     let out = out.unwrap_or_else(|| dir.join("report.html"));
-    let write = |path: &Path, text: &str| std::fs::write(path, text).map_err(|e| Error::io("write", path, e));
+    is_replaceable(&out)?;
     let page = report.page()?;
-    write(&out, &page)?;
+    write_whole(&out, &page)?;
     print(&format!("{} ({:.1} MB)", out.display(), page.len() as f64 / 1e6));
     if svg {
         let folder = out.with_file_name(FIGURES);
         let figures = report.figures(job)?;
         std::fs::create_dir_all(&folder).map_err(|e| Error::io("create", &folder, e))?;
         for (name, figure) in &figures {
-            write(&folder.join(name), figure)?;
+            write_whole(&folder.join(name), figure)?;
         }
         print(&format!("{} ({} figures)", folder.display(), figures.len()));
     }

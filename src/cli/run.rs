@@ -1,12 +1,14 @@
 //! `sinew run` and `sinew merge`: solve, keep, show.
 
-use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::import::say_lost;
-use super::{FAILED_JOBS, GOOD, INTERRUPTED, print, show};
+use super::{FAILED_JOBS, GOOD, INTERRUPTED, note, print, show};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+
 use crate::error::Result;
 use crate::run::{Ended, RunOptions, collect, default_folder, run as run_study};
 use crate::study::Study;
@@ -17,14 +19,7 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
     let out = if options.out.as_os_str().is_empty() { default_folder(&study) } else { options.out.clone() };
     let options = RunOptions { out: out.clone(), ..options };
     let stop = Arc::new(AtomicBool::new(false));
-    let on_signal = Arc::clone(&stop);
-    // A handler that is there already (in tests) serves as well.
-    let _ = ctrlc::set_handler(move || {
-        if on_signal.swap(true, Ordering::Relaxed) {
-            std::process::exit(i32::from(INTERRUPTED));
-        }
-        eprintln!("\nstopping after the jobs at work; everything finished is kept (Ctrl-C again stops now)");
-    });
+    stop_at_signals(Arc::clone(&stop));
     notes(&study)?;
     let report = run_study(&study, &options, &stop)?;
     match options.shard {
@@ -60,11 +55,34 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
     }
 }
 
+/// Ctrl-C, `kill` and a terminal that is closed stop a run after the jobs at work; the first two again stop it now.
+fn stop_at_signals(stop: Arc<AtomicBool>) {
+    let mut wanted = vec![SIGINT, SIGTERM];
+    // What `nohup` asks for.
+    if !is_ignored(SIGHUP) {
+        wanted.push(SIGHUP);
+    }
+    let Ok(mut signals) = Signals::new(wanted) else { return };
+    std::thread::spawn(move || {
+        for signal in signals.forever() {
+            if stop.swap(true, Ordering::Relaxed) && signal != SIGHUP {
+                std::process::exit(i32::from(INTERRUPTED));
+            }
+            note("\nstopping after the jobs at work; everything finished is kept (Ctrl-C again stops now)");
+        }
+    });
+}
+
+/// Whether the program was started with a signal ignored (where the system tells).
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
 /// What a user should know before the first job: columns that are not used, and what an OpenSim model loses.
 fn notes(study: &Study) -> Result<()> {
-    study.motion.notes.iter().for_each(|note| {
-        let _ = writeln!(std::io::stderr(), "note: {note}");
-    });
+    study.motion.notes.iter().for_each(|text| note(&format!("note: {text}")));
     say_lost(&study.sources.model)
 }
 

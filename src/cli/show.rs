@@ -5,7 +5,7 @@ use std::path::Path;
 
 use comfy_table::{CellAlignment, Table as Grid, presets::NOTHING};
 
-use super::{GOOD, print};
+use super::{GOOD, note, print};
 use crate::error::{Error, Result};
 use crate::plausibility::KINDS;
 use crate::run::manifest::Manifest;
@@ -29,7 +29,7 @@ pub fn show(dir: &Path, all: bool) -> Result<u8> {
         return Err(Error::table("show", dir, reason));
     }
     for name in manifest.altered(dir) {
-        eprintln!("warning: {} is not the file that its manifest speaks of", dir.join(name).display());
+        note(&format!("warning: {} is not the file that its manifest speaks of", dir.join(name).display()));
     }
     let read = |name: &'static str| tables::read(name, &dir.join(format!("{name}.parquet")));
     let (jobs, regularity, muscles) = (read("jobs")?, read("regularity")?, read("muscles")?);

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result};
+use crate::files::write_whole;
 use crate::run::store::Store;
 use crate::run::{RunOptions, Shard, check_folder, default_folder, freeze};
 use crate::study::Study;
@@ -34,35 +35,68 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1)]
     cpus: u16,
     /// Time limit of an element, as sbatch takes it
-    #[arg(long, value_name = "LIMIT")]
+    #[arg(long, value_name = "LIMIT", value_parser = one_line)]
     time: Option<String>,
     /// Any other option for sbatch, such as --sbatch=--partition=long; may be repeated
-    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true, value_parser = one_line)]
     sbatch: Vec<String>,
     /// Submit, and not only write the scripts
     #[arg(long)]
     submit: bool,
 }
 
+/// How every script begins.
+const BEGIN: &str = "#!/usr/bin/env bash\n# Written by `sinew slurm`.";
+
+/// Whether there is nothing, or a script of an earlier call.
+fn is_replaceable(path: &Path) -> bool {
+    std::fs::read(path)
+        .map_or_else(|e| e.kind() == std::io::ErrorKind::NotFound, |there| there.starts_with(BEGIN.as_bytes()))
+}
+
+/// What stands in a script, and shall not become lines of it.
+fn one_line(text: &str) -> std::result::Result<String, String> {
+    match text.is_empty() || text.contains(char::is_control) {
+        true => Err("it is empty, or has a line break or another control character".to_owned()),
+        false => Ok(text.to_owned()),
+    }
+}
+
+/// Refuses a path that a script of Slurm cannot name.
+fn check_path(path: &Path) -> Result<()> {
+    let fits = path.to_str().is_some_and(|text| !text.contains(['"', '\\']) && !text.contains(char::is_control));
+    let reason =
+        "Slurm's scripts cannot name this folder: no \" or \\, no line break, and UTF-8 only; choose another --out";
+    if fits { Ok(()) } else { Err(Error::table("write scripts for", path, reason)) }
+}
+
 pub fn slurm(arguments: &Arguments) -> Result<u8> {
     let study = Study::load(&arguments.study)?;
     let out = arguments.out.clone().unwrap_or_else(|| default_folder(&study));
+    check_path(&std::path::absolute(&out).map_err(|e| Error::io("find", &out, e))?)?;
     let io = |action, path: &Path| {
         let path = path.to_owned();
         move |e| Error::io(action, &path, e)
     };
-    std::fs::create_dir_all(out.join("slurm/log")).map_err(io("create", &out))?;
+    std::fs::create_dir_all(&out).map_err(io("create", &out))?;
     let out = out.canonicalize().map_err(io("find", &out))?;
+    check_path(&out)?;
     let folder = out.join("slurm");
     let shards = shards(arguments, &study, &folder);
     let options = RunOptions { out: out.clone(), shard: Some(Shard { index: 0, count: shards }), ..Default::default() };
     let there = check_folder(&study, &RunOptions { shard: None, ..options.clone() })?;
+    let (array, merge) = (folder.join("array.sh"), folder.join("merge.sh"));
+    if let Some(other) = [&array, &merge].into_iter().find(|path| !is_replaceable(path)) {
+        let reason = "`sinew slurm` has not written it; choose another --out, or move it away";
+        return Err(Error::table("write over", other, reason));
+    }
+    std::fs::create_dir_all(folder.join("log")).map_err(io("create", &folder))?;
     freeze(&study, &options, there, false)?;
-    let missing = missing(&study, &Store::read(&out, true)?, shards);
+    let missing = missing(&study, &Store::read(&out)?, shards);
 
     let sinew = std::env::current_exe().map_err(io("find", Path::new("sinew")))?;
-    let (array, merge) = (folder.join("array.sh"), folder.join("merge.sh"));
-    let write = |path: &Path, text: String| std::fs::write(path, text).map_err(io("write", path));
+    check_path(&sinew)?;
+    let write = |path: &Path, text: String| write_whole(path, text);
     write(&array, array_script(arguments, &study, &out, &sinew, shards))?;
     write(&merge, merge_script(arguments, &study, &out, &sinew))?;
     write(&folder.join("shards"), format!("{shards}\n"))?;
@@ -135,10 +169,10 @@ fn quoted(path: &Path) -> String {
 
 fn directives(arguments: &Arguments, study: &Study, out: &Path, part: &str, log: &str) -> String {
     let mut lines = vec![
-        "#!/usr/bin/env bash".to_owned(),
-        "# Written by `sinew slurm`.".to_owned(),
+        BEGIN.to_owned(),
         format!("#SBATCH --job-name=sinew-{part}-{}", study.name),
-        format!("#SBATCH --output=\"{}/slurm/log/{log}\"", out.display()),
+        // % begins a pattern.
+        format!("#SBATCH --output=\"{}/slurm/log/{log}\"", out.display().to_string().replace('%', "%%")),
         "#SBATCH --open-mode=append".to_owned(),
         // After the loss of a node Slurm starts the element again, and it goes on with what is missing.
         "#SBATCH --requeue".to_owned(),

@@ -20,7 +20,7 @@ pub fn status(dir: &Path) -> Result<u8> {
         let reason = "there is no manifest.json in it, so it is no results folder; `sinew run STUDY` makes one";
         return Err(Error::table("show the status of", dir, reason));
     };
-    let mut store = Store::read(dir, true)?;
+    let mut store = Store::read(dir)?;
     let mut counts: BTreeMap<Status, usize> = BTreeMap::new();
     let (mut failed, mut missing, mut times): (Vec<&PlannedJob>, Vec<&PlannedJob>, Vec<u64>) = Default::default();
     for job in &manifest.jobs {

@@ -13,6 +13,7 @@ use super::musculotendon::Musculotendon;
 use super::path::{Path, StraightPath};
 use super::planar::Planar;
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
+use crate::names;
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -205,6 +206,7 @@ impl ModelFile {
         if self.muscle.is_empty() {
             mistakes.push(Issue::new(&["muscle"], "the model has no muscle", "add at least one `[[muscle]]` table"));
         }
+        mistakes.take(named(&["name"], &self.name));
         mistakes.take(finite(&["gravity"], &self.gravity));
         mistakes.take(unique("body", self.body.iter().map(|b| b.name.as_str())));
         mistakes.take(unique("joint", self.joint.iter().map(|j| j.name.as_str())));
@@ -220,6 +222,9 @@ impl ModelFile {
         }
         let joints = mistakes.all(self.joint.iter().map(|joint| self.joint(joint)));
         for (i, joint) in joints.iter().enumerate() {
+            if let Some(name) = &joint.coordinate {
+                mistakes.take(named(&["joint", &joint.name, "coordinate"], name));
+            }
             if let Some(name) = &joint.coordinate
                 && joints[..i].iter().any(|other| other.coordinate.as_ref() == Some(name))
             {
@@ -438,15 +443,28 @@ pub fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
     }
 }
 
-/// Each name once, and one that studies can address.
+/// Refuses a name that files, pages and spreadsheets cannot bear.
+pub fn named(path: &[&str], name: &str) -> std::result::Result<(), Issue> {
+    match names::flaw(name) {
+        None => Ok(()),
+        Some(flaw) => {
+            let path: Vec<String> = path.iter().map(|key| names::shown(key)).collect();
+            let path: Vec<&str> = path.iter().map(String::as_str).collect();
+            Err(Issue::new(&path, format!("the name \"{}\": {flaw}", names::shown(name)), "give it another name"))
+        }
+    }
+}
+
+/// Each name once, one that files can bear and studies can address.
 pub fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::result::Result<(), Issue> {
     let mut seen = std::collections::BTreeSet::new();
     for name in names {
-        if name.is_empty() || name.contains(['.', '*']) {
+        named(&[kind, name], name)?;
+        if name.contains(['.', '*']) {
             return Err(Issue::new(
                 &[kind, name],
                 format!("found the name \"{name}\""),
-                "a name is not empty and has no `.` or `*`: studies address values as kind.name.key",
+                "a name has no `.` or `*`: studies address values as kind.name.key",
             ));
         }
         if !seen.insert(name) {

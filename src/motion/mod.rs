@@ -6,6 +6,6 @@ pub mod surroundings;
 pub mod table;
 pub mod text;
 
-pub use sampling::{Measurement, MotionSettings, low_pass};
+pub use sampling::{Measurement, MotionSettings, Unmeasured, low_pass};
 pub use surroundings::Surroundings;
 pub use table::MotionTable;

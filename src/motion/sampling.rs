@@ -9,6 +9,7 @@ use rand_distr::{Distribution, Normal};
 use super::MotionTable;
 use super::joint_motion::{JointMotion, Over};
 use super::surroundings::{Load, Surroundings};
+use crate::deadline::Deadline;
 use crate::model::assembly::CannotAssemble;
 use crate::model::planar::Planar;
 use crate::model::spatial::Spatial;
@@ -42,8 +43,71 @@ pub struct Measurement {
     pub clock: f64,
 }
 
-/// The model's joints cannot be closed at a time (s).
-pub type Gap = (f64, CannotAssemble);
+/// How far the joints of a loop may move a joint coordinate to close: what measuring errors explain, rad and m.
+const LARGEST_TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
+const LARGEST_SLIDE: f64 = 5e-3;
+
+/// Why there is no measurement.
+#[derive(Debug)]
+pub enum Unmeasured {
+    /// The model's joints cannot be closed at a time (s).
+    Open(f64, CannotAssemble),
+    /// The joints close only where a joint coordinate is another by more than [`LARGEST_TURN`] or [`LARGEST_SLIDE`].
+    Moved {
+        /// s
+        time: f64,
+        coordinate: String,
+        /// rad or m
+        wanted: f64,
+        found: f64,
+        is_angle: bool,
+    },
+    /// The deadline has passed.
+    Late,
+}
+
+/// The joint coordinate that the joints have moved too far to close: what was wanted of it, and what it is; whether it is an angle.
+fn moved<'p>(planar: &'p Planar, given: &[Option<f64>], q: &[f64]) -> Option<(&'p str, f64, f64, bool)> {
+    let (turn, half) = (std::f64::consts::TAU, std::f64::consts::PI);
+    planar.joint_coordinates().zip(given).find_map(|((joint, name), wanted)| {
+        let (wanted, found, is_angle) = ((*wanted)?, joint.coordinate_value(q).value, joint.kind.is_angular());
+        let by = found - wanted;
+        let by = if is_angle { (by + half).rem_euclid(turn) - half } else { by };
+        (by.abs() > if is_angle { LARGEST_TURN } else { LARGEST_SLIDE }).then_some((
+            name,
+            wanted,
+            wanted + by,
+            is_angle,
+        ))
+    })
+}
+
+impl std::fmt::Display for Unmeasured {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Unmeasured::Open(time, gap) => write!(
+                f,
+                "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small change of the \
+                 pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
+                gap.joints.join(", "),
+                gap.gap,
+                gap.slope
+            ),
+            Unmeasured::Moved { time, coordinate, wanted, found, is_angle } => {
+                let (factor, unit) = if *is_angle { (1f64.to_degrees(), "°") } else { (1e3, " mm") };
+                let (wanted, found) = (factor * wanted, factor * found);
+                write!(
+                    f,
+                    "the joints cannot make this motion: at t = {time:.4} s `{coordinate}` is {wanted:.1}{unit}, and the joints close \
+                     at {found:.1}{unit}"
+                )
+            }
+            Unmeasured::Late => {
+                write!(f, "the time limit of the job passed before it could be set up; raise time_limit_s")
+            }
+        }
+    }
+}
 
 impl MotionSettings {
     /// (offset, factor) of a coordinate.
@@ -60,17 +124,26 @@ impl MotionSettings {
     /// Samples the table at `points` collocation points' measured instants.
     ///
     /// # Errors
-    /// The time and the gap where the joints cannot be closed.
-    pub fn measure(&self, table: &MotionTable, model: &Model, points: usize) -> Result<Measurement, Gap> {
+    /// Where the joints cannot be closed, or if the deadline passes.
+    pub fn measure(
+        &self,
+        table: &MotionTable,
+        model: &Model,
+        points: usize,
+        deadline: Deadline,
+    ) -> Result<Measurement, Unmeasured> {
         let count = self.measurement_ratio * (points - 1) + 1;
         let step = table.duration() / (count - 1) as f64;
         let times: Vec<f64> = (0..count).map(|i| i as f64 * step * self.time_scale).collect();
         let mut coordinates = match &model.mechanics {
-            Mechanics::Planar(planar) => self.assembled(table, planar, step, &times)?,
+            Mechanics::Planar(planar) => self.assembled(table, planar, step, &times, deadline)?,
             Mechanics::Spatial(spatial) => {
                 let motion = self.joint_motion(table, spatial);
                 let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(count);
                 for &t in &times {
+                    if deadline.passed() {
+                        return Err(Unmeasured::Late);
+                    }
                     let q = motion.measured(t, coordinates.last().map(Vec::as_slice));
                     coordinates.push(q);
                 }
@@ -86,13 +159,23 @@ impl MotionSettings {
     }
 
     /// Body coordinates of a planar model that closes its joints.
-    fn assembled(&self, table: &MotionTable, planar: &Planar, step: f64, times: &[f64]) -> Result<Vec<Vec<f64>>, Gap> {
+    fn assembled(
+        &self,
+        table: &MotionTable,
+        planar: &Planar,
+        step: f64,
+        times: &[f64],
+        deadline: Deadline,
+    ) -> Result<Vec<Vec<f64>>, Unmeasured> {
         let columns: Vec<(Option<CubicSpline>, (f64, f64))> = planar
             .joint_coordinates()
             .map(|(_, name)| (table.column(name).map(|values| self.spline(table, values)), self.change(name)))
             .collect();
         let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(times.len());
         for (i, &t) in times.iter().enumerate() {
+            if deadline.passed() {
+                return Err(Unmeasured::Late);
+            }
             let at = table.start() + i as f64 * step;
             let given: Vec<Option<f64>> = columns
                 .iter()
@@ -102,7 +185,11 @@ impl MotionSettings {
                     Some(first + offset + scale * (spline.at(at)[0] - first))
                 })
                 .collect();
-            let q = planar.assemble(&given, coordinates.last().map(Vec::as_slice)).map_err(|failure| (t, failure))?;
+            let q = planar.assemble(&given, coordinates.last().map(Vec::as_slice));
+            let q = q.map_err(|gap| Unmeasured::Open(t, gap))?;
+            if let Some((coordinate, wanted, found, is_angle)) = moved(planar, &given, &q) {
+                return Err(Unmeasured::Moved { time: t, coordinate: coordinate.to_owned(), wanted, found, is_angle });
+            }
             coordinates.push(q);
         }
         Ok(coordinates)

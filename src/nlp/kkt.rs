@@ -14,8 +14,8 @@
 //! the matrix singular; iterative refinement takes it out again. By Sylvester's law the signs of the pivots tell
 //! whether H + δ D is positive definite where the active constraints vanish.
 
-use super::deadline::Deadline;
 use super::problem::Problem;
+use crate::deadline::Deadline;
 use crate::numerics::sparse::{Pattern, Sparse};
 pub use crate::numerics::staged::Inertia;
 use crate::numerics::staged::StagedLdl;
@@ -120,6 +120,11 @@ impl Kkt {
         }
     }
 
+    /// Bytes that the factors take at least.
+    pub fn bytes(&self) -> usize {
+        self.factors.bytes()
+    }
+
     pub fn order(&self) -> usize {
         self.diagonal_slots.len()
     }
@@ -152,6 +157,7 @@ impl Kkt {
         if self.deadline.passed() {
             return false;
         }
+        self.factors.deadline = self.deadline;
         self.factorisations += 1;
         self.is_accurate = false;
         let (n, me) = (self.variables, self.equalities);

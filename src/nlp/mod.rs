@@ -1,7 +1,6 @@
 //! Nonlinear least squares with constraints: the problem trait, SQP, regularity. Knows no muscles.
 
 pub mod active_set;
-pub mod deadline;
 pub mod filter;
 pub mod interior_point;
 pub mod iterate;

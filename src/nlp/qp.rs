@@ -8,7 +8,7 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
 
-use super::deadline::Deadline;
+use crate::deadline::Deadline;
 use crate::numerics::sparse::Sparse;
 
 /// A convex quadratic programme; see the module.

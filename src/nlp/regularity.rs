@@ -15,9 +15,9 @@
 
 use faer::Mat;
 
-use super::deadline::Deadline;
 use super::iterate::Iterate;
 use super::problem::Problem;
+use crate::deadline::Deadline;
 use crate::numerics::rank::{self, Rank};
 use crate::numerics::sparse::{Pattern, Sparse};
 use crate::numerics::spectrum::{Side, StagedSpectrum};

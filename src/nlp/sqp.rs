@@ -25,13 +25,13 @@
 //! loss but what is left of the violation costs. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
 
 use super::active_set::{self, EXACT_DAMPING, SMALLEST_DAMPING, Step};
-use super::deadline::Deadline;
 use super::filter::{Filter, Verdict};
 use super::interior_point::{self, Interior, Manner};
 use super::iterate::{Iterate, KktError};
 use super::kkt::{Inertia, Kkt, KktValues, Rows};
 use super::problem::{Curvature, Multipliers, Problem};
 use super::qp::{QpFailure, QuadraticProgramme};
+use crate::deadline::Deadline;
 use crate::numerics::sparse::Sparse;
 
 #[derive(Clone, Copy, Debug)]

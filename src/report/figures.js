@@ -96,7 +96,8 @@ const sinewFigures = (report) => {
   const short = (value) => (typeof value === 'number' && !Number.isInteger(value) ? String(Number(value.toPrecision(6))) : exact(value));
   const withUnit = (name, unit) => (unit && unit !== '1' ? `${name}, ${unit}` : name);
   const axisName = (axis) => withUnit(axis, report.units[axis]);
-  const slug = (text) => text.replace(/[^\w.-]+/g, '_').replace(/^_+|_+$/g, '');
+  // Of a file's name, which has a limit.
+  const slug = (text) => text.replace(/[^\w.-]+/g, '_').replace(/^_+|_+$/g, '').slice(0, 70);
 
   // ---- kinds of figure ----------------------------------------------------------------------------------------------------------
 
@@ -121,6 +122,8 @@ const sinewFigures = (report) => {
       tooltip: { trigger: 'item', confine: true, backgroundColor: paper, borderColor: line, textStyle: { color: ink, fontSize: 12 }, ...made.tooltip },
     };
   };
+  // Tooltips are HTML, and names may be anything.
+  const tip = (parts, ...values) => String.raw({ raw: parts }, ...values.map((value) => String(value).replace(/[&<>"']/g, (one) => `&#${one.charCodeAt(0)};`)));
   const styled = (k) => ({ lineStyle: { type: DASHES[Math.floor(k / COLOURS.length) % DASHES.length], width: 2 }, symbol: SYMBOLS[k % SYMBOLS.length], symbolSize: 6, itemStyle: { color: COLOURS[k % COLOURS.length] } });
   const named = (series) => `${series.length} line(s): ${series.map((one) => one.name).join(', ')}`;
   // Lines [{name, points: [[x, y], …], style, dashed}] over a common axis; on a `log` axis by the exponent, nothing below 1e-16.
@@ -136,8 +139,8 @@ const sinewFigures = (report) => {
         yAxis: { type: 'value', name: y, scale: true, axisLabel: log ? { formatter: (v) => `1e${v}` } : {} },
         // Over a point that is drawn its own value, else those of all lines there.
         tooltip: symbols
-          ? { formatter: (point) => `${point.seriesName}<br>${x}: ${exact(point.value[0])}<br>${y}: ${value(point)}` }
-          : { trigger: 'axis', formatter: (points) => [`${x}: ${exact(points[0].value[0])}`, ...points.map((point) => `${point.marker}${point.seriesName}: ${value(point)}`)].join('<br>') },
+          ? { formatter: (point) => tip`${point.seriesName}<br>${x}: ${exact(point.value[0])}<br>${y}: ${value(point)}` }
+          : { trigger: 'axis', formatter: (points) => [tip`${x}: ${exact(points[0].value[0])}`, ...points.map((point) => point.marker + tip`${point.seriesName}: ${value(point)}`)].join('<br>') },
         series: [...extra, ...series.map((one, k) => {
           const style = styled(one.style ?? k);
           if (one.dashed) style.lineStyle = { ...style.lineStyle, type: 'dashed', opacity: 0.7 };
@@ -155,7 +158,7 @@ const sinewFigures = (report) => {
       const place = (category) => categories.indexOf(category);
       const ends = series.flatMap((one, bar) => (one.ends ?? []).length ? [{
         name: `${one.name}, not unique`, type: 'custom', z: 5, data: one.ends.map(([category, low, high]) => [place(category), low, high]), itemStyle: { color: ink },
-        tooltip: { formatter: (point) => `${one.name}, not unique<br>${categories[point.value[0]]}<br>${y}: ${exact(point.value[1])} to ${exact(point.value[2])}` },
+        tooltip: { formatter: (point) => tip`${one.name}, not unique<br>${categories[point.value[0]]}<br>${y}: ${exact(point.value[1])} to ${exact(point.value[2])}` },
         renderItem: (_, api) => {
           const { offsetCenter } = api.barLayout({ count: series.length, ...gaps })[bar];
           const [at, low] = api.coord([api.value(0), api.value(1)]);
@@ -166,7 +169,7 @@ const sinewFigures = (report) => {
       return {
         xAxis: { type: 'category', data: categories.map(short), name: x }, yAxis: { type: 'value', name: y },
         legend: { data: series.map((one) => one.name) },
-        tooltip: { formatter: (point) => `${point.seriesName}<br>${x}: ${exact(categories[point.value[0]])}<br>${y}: ${exact(point.value[1])}` },
+        tooltip: { formatter: (point) => tip`${point.seriesName}<br>${x}: ${exact(categories[point.value[0]])}<br>${y}: ${exact(point.value[1])}` },
         series: [...series.map((one, k) => ({
           name: one.name, type: 'bar', ...gaps, data: one.points.map(([category, v]) => [place(category), v]),
           itemStyle: { color: COLOURS[(one.style ?? k) % COLOURS.length], opacity: one.dashed ? 0.5 : 1 },
@@ -240,7 +243,7 @@ const sinewFigures = (report) => {
       option: ({ ink }) => ({
         grid: { top: 14, bottom: 84 }, legend: { show: false },
         xAxis: { type: 'category', data: xs.map(short), name: axisName(x) }, yAxis: { type: 'category', data: ys.map(short), name: axisName(y) },
-        tooltip: { formatter: (p) => `${title}<br>${x}: ${exact(xs[p.value[0]])}<br>${y}: ${exact(ys[p.value[1]])}<br>${unit}: ${exact(p.value[2])}` },
+        tooltip: { formatter: (p) => tip`${title}<br>${x}: ${exact(xs[p.value[0]])}<br>${y}: ${exact(ys[p.value[1]])}<br>${unit}: ${exact(p.value[2])}` },
         // Cividis, of even lightness to all eyes.
         visualMap: { min: Math.min(...values), max: Math.max(...values), calculable: true, orient: 'horizontal', left: 'center', bottom: 0, itemHeight: 90, textStyle: { color: ink }, inRange: { color: ['#00224e', '#35456c', '#666970', '#948e77', '#c8b866', '#fee838'] } },
         series: [{ type: 'heatmap', name: title, data: cells }],
@@ -329,7 +332,7 @@ const sinewFigures = (report) => {
         grid: { left: 150, top: 10 }, legend: { show: false },
         xAxis: { type: 'category', data: times.map(short), name: 'time, s' }, yAxis: { type: 'category', data: names, axisLabel: { color: soft, fontSize: 10, width: 140, overflow: 'truncate' } },
         visualMap: { show: false, min: 0, max: 1, inRange: { color: [COLOURS[0], COLOURS[0]] } },
-        tooltip: { formatter: (p) => `${names[p.value[1]]}<br>active at ${exact(times[p.value[0]])} s` },
+        tooltip: { formatter: (p) => tip`${names[p.value[1]]}<br>active at ${exact(times[p.value[0]])} s` },
         series: [{ type: 'heatmap', name: 'active', data: cells, itemStyle: { borderColor: paper, borderWidth: 1 } }],
       }),
     }];
@@ -370,7 +373,7 @@ const sinewFigures = (report) => {
           const rounded = { formatter: (x) => String(Number(x.toFixed(2))), showMinLabel: false, showMaxLabel: false };
           return {
             xAxis: { type: 'value', name: `${across}, m`, ...ends(h, wide), axisLabel: rounded }, yAxis: { type: 'value', name: `${up}, m`, ...ends(v, high), axisLabel: rounded },
-            tooltip: { formatter: (p) => `${p.seriesName}<br>${exact(p.value[2])} s<br>${across}: ${exact(p.value[0])} m<br>${up}: ${exact(p.value[1])} m` },
+            tooltip: { formatter: (p) => tip`${p.seriesName}<br>${exact(p.value[2])} s<br>${across}: ${exact(p.value[0])} m<br>${up}: ${exact(p.value[1])} m` },
             series: kept.flatMap((k, order) => [
               ...ofBones.map(([, path]) => line('bones', path, k, order, { symbol: 'circle', symbolSize: 5, itemStyle: { color: ink }, lineStyle: { width: 3 } })),
               ...ofMuscles.map(([name, path], m) => line(name, path, k, order, { symbol: SYMBOLS[m % SYMBOLS.length], symbolSize: 3, itemStyle: { color: COLOURS[m % COLOURS.length] }, lineStyle: { width: 1.2 } })),

@@ -6,6 +6,8 @@ const sinewSvg = (report, drawn, job) => {
   const PIXELS_PER_REM = 16;
   const PAPER = { ink: '#1b1f24', soft: '#57606a', line: '#d0d7de', paper: '#ffffff' };
   const MEASURES = ['mean_force_n', 'peak_force_n', 'mean_activation', 'peak_activation'];
+  // Characters that XML has no place for.
+  const NO_XML = /[\u0000-\u0008\u000b\u000c\u000e-\u001f\ufffe\uffff]/g;
   const { study, sinew } = report;
   const from = `sinew ${sinew.version}, solver ${sinew.solver}, study ${study.name} ${study.hash}, drawn by ${drawn}`;
   const escaped = (text) => text.replace(/[&<>]/g, (one) => ({ '&': '&amp;', '<': '&lt;', '>': '&gt;' })[one]);
@@ -16,12 +18,15 @@ const sinewSvg = (report, drawn, job) => {
   const all = [...figures.curves()];
   if (figures.muscleNames.length) for (const x of axes) for (const measure of MEASURES) all.push(...figures.loads(figures.ofLoads({ x, measure })));
   if (jobs.rows) all.push(...figures.ofJob(row).map((figure) => ({ ...figure, name: `job-${jobs.at('index', row)}-${figure.name}` })));
+  const seen = new Map();
   return Object.fromEntries(all.map((figure) => {
+    const count = (seen.get(figure.name) ?? 0) + 1;
+    seen.set(figure.name, count);
     const look = { ...PAPER, still: true, width: WIDTH, height: PIXELS_PER_REM * (figure.rem ?? 25) };
     const chart = echarts.init(null, null, { renderer: 'svg', ssr: true, width: look.width, height: look.height });
     chart.setOption({ ...figures.chartOption(figure, look), backgroundColor: PAPER.paper });
     const text = chart.renderToSVGString();
     chart.dispose();
-    return [`${figure.name}.svg`, text.replace(/^<svg[^>]*>/, (open) => `${open}\n<title>${escaped(figure.alt)}</title>\n<desc>${escaped(from)}</desc>`)];
+    return [`${figure.name}${count > 1 ? `-${count}` : ''}.svg`, text.replace(NO_XML, '\ufffd').replace(/^<svg[^>]*>/, (open) => `${open}\n<title>${escaped(figure.alt)}</title>\n<desc>${escaped(from)}</desc>`)];
   }));
 };

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use super::folder::{Hold, claim, table};
 use super::manifest::{self, Manifest, file_hash};
 use super::store::Store;
 use crate::error::{Error, Result};
@@ -11,6 +12,7 @@ use crate::outcome::{Outcome, Status};
 use crate::study::{Job, Study};
 use crate::tables::Writer;
 use crate::tables::schema::{self, Columns, ON_REQUEST, TABLES};
+use crate::terminal::note;
 
 /// Jobs held in memory at a time: a row group of each table.
 const PART: usize = 4096;
@@ -41,11 +43,10 @@ impl Collected {
 
 /// Writes all tables and the manifest from what is finished, in the order of the study.
 pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<Collected> {
-    // One at a time: a merge may meet another, or the end of a run. (Where there are no locks, files still appear whole.)
-    let lock = std::fs::File::create(folder.join(".tables.lock")).map_err(|e| Error::io("lock", folder, e))?;
-    let _ = lock.lock();
+    // One at a time: a merge may meet another, or the end of a run.
+    let _hold = Hold::take(folder)?;
     let columns = Columns::of(study);
-    let file = |name: &str| folder.join(format!("{name}.parquet"));
+    let file = |name: &str| table(folder, name);
     let provenance = manifest::provenance(study);
     let metadata = |table: &crate::tables::Table| {
         let units = table.columns.iter().map(|(name, _)| (name.clone(), schema::unit(name).into()));
@@ -89,13 +90,14 @@ pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<C
 /// If the folder holds no plan, or its finished jobs cannot be read.
 pub fn merge(folder: &Path) -> Result<(Study, Collected)> {
     let study = planned(folder)?;
-    let mut store = Store::read(folder, true)?;
+    claim(folder)?;
+    let mut store = Store::read(folder)?;
     if !store.has_files() {
         let reason = "no run has finished anything here (there is no finished….jsonl in it)";
         return Err(Error::table("merge", folder, reason));
     }
     if store.damaged > 0 {
-        eprintln!("note: {} damaged line(s) in {} passed over", store.damaged, folder.display());
+        note(&format!("note: {} damaged line(s) in {} passed over", store.damaged, folder.display()));
     }
     let collected = write_tables(&study, &mut store, folder)?;
     Ok((study, collected))

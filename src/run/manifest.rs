@@ -9,10 +9,11 @@ use serde_json::{Map, Value as Json};
 
 use crate::SOLVER;
 use crate::error::{Error, Result};
+use crate::files::{as_text, write_whole};
 use crate::study::settings::Value;
 use crate::study::sources::Sources;
 use crate::study::{Job, Study};
-use crate::tables::schema;
+use crate::tables::{STUDY, schema};
 
 pub const FILE: &str = "manifest.json";
 
@@ -44,6 +45,7 @@ pub struct Versions {
 pub struct StudyPart {
     pub name: String,
     pub description: String,
+    #[serde(serialize_with = "as_text")]
     pub file: PathBuf,
     /// Hash of all job ids in their order.
     pub hash: String,
@@ -53,6 +55,7 @@ pub struct StudyPart {
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FilePart {
+    #[serde(serialize_with = "as_text")]
     pub file: PathBuf,
     pub hash: String,
 }
@@ -146,10 +149,9 @@ impl Manifest {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(Error::io("read", &path, error)),
         };
-        serde_json::from_slice(&bytes).map(Some).map_err(|e| {
-            let reason = format!("it is damaged, or of another version ({e}); run the study again to write it anew");
-            Error::table("read", &path, reason)
-        })
+        serde_json::from_slice(&bytes)
+            .map(Some)
+            .map_err(|e| Error::table("read", &path, format!("it is damaged, or of another version ({e})")))
     }
 
     /// As a baseline keeps it, on whatever machine: no jobs (the table of jobs says it all), no host name, no folders.
@@ -170,13 +172,7 @@ impl Manifest {
 
     /// Writes it, whole or not at all.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let path = folder.join(FILE);
-        // A name of its own, because shards may write at one time.
-        let partial = folder.join(format!("{FILE}.{}.part", std::process::id()));
-        let bytes = serde_json::to_vec(self).expect("a manifest is plain data");
-        std::fs::write(&partial, bytes)
-            .and_then(|()| std::fs::rename(&partial, &path))
-            .map_err(|e| Error::io("write", &path, e))
+        write_whole(&folder.join(FILE), serde_json::to_vec(self).expect("a manifest is plain data"))
     }
 
     /// Files of a folder that are no longer those the manifest speaks of.
@@ -200,7 +196,7 @@ pub fn provenance(study: &Study) -> Vec<(String, String)> {
         ("sinew.version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ("sinew.solver".to_owned(), SOLVER.to_owned()),
         ("sinew.schema_version".to_owned(), schema::VERSION.to_string()),
-        ("sinew.study".to_owned(), study.name.clone()),
+        (STUDY.to_owned(), study.name.clone()),
         ("sinew.study_hash".to_owned(), study.hash()),
         ("sinew.model_hash".to_owned(), study.model_hash.clone()),
         ("sinew.motion_hash".to_owned(), study.motion_hash.clone()),

@@ -4,6 +4,7 @@
 //! it stopped, and the tables are made from the same lines either way.
 
 pub mod collect;
+pub mod folder;
 pub mod manifest;
 mod progress;
 pub mod reasons;
@@ -25,8 +26,10 @@ use crate::solve::solve_from;
 use crate::study::file::OnFailure;
 use crate::study::{Job, Study};
 use crate::tables::schema;
+use crate::terminal;
 use crate::warm::Answer;
 use collect::write_tables;
+use folder::Hold;
 use manifest::Manifest;
 use progress::Progress;
 use store::{Header, Store};
@@ -116,7 +119,7 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
     let there = check_folder(study, options)?;
     let store = Store::open(&options.out, options.shard, options.fresh)?;
     if let Some(note) = version_note(study, &store).filter(|_| !options.outdated) {
-        eprintln!("note: {note}");
+        terminal::note(&format!("note: {note}"));
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads.unwrap_or(0))
@@ -276,7 +279,10 @@ fn retry_failed(study: &Study, desk: &mut Desk<'_>, pool: &rayon::ThreadPool, so
     if failed.is_empty() {
         return Ok(());
     }
-    eprintln!("{} job(s) failed: again, by continuation from their nearest solved neighbours", failed.len());
+    terminal::note(&format!(
+        "{} job(s) failed: again, by continuation from their nearest solved neighbours",
+        failed.len()
+    ));
     desk.progress = Progress::new(failed.len());
     desk.work(pool, &failed, |(job, first), hand_in| {
         hand_in(job, retry::retry(study, job, first.clone(), &solved, solver), true);
@@ -312,10 +318,10 @@ fn quiet_workers() {
     });
 }
 
-/// Refuses to write over the results of another study, or to mix shards of different plans. The manifest that is there.
+/// Refuses to write over what no run has written or the results of another study, or to mix shards of different plans. The
+/// manifest that is there.
 pub fn check_folder(study: &Study, options: &RunOptions) -> Result<Option<Manifest>> {
-    // A manifest that cannot be read is written anew.
-    let Some(manifest) = Manifest::read(&options.out).unwrap_or(None) else { return Ok(None) };
+    let Some(manifest) = folder::claim(&options.out)? else { return Ok(None) };
     let refuse = |reason: String| Err(Error::table("run in", &options.out, reason));
     if options.fresh {
         return Ok(Some(manifest));
@@ -345,11 +351,12 @@ pub fn freeze(study: &Study, options: &RunOptions, there: Option<Manifest>, work
     if options.shard.is_some() && there.as_ref().is_some_and(same) {
         return Ok(());
     }
+    let _hold = Hold::take(&options.out)?;
     let mut files = there.map(|manifest| manifest.files).unwrap_or_default();
     if work && options.shard.is_none() {
         files.clear();
         for name in schema::TABLES {
-            let _ = std::fs::remove_file(options.out.join(format!("{name}.parquet")));
+            let _ = std::fs::remove_file(folder::table(&options.out, name));
         }
     }
     Manifest { files, ..Manifest::of(study) }.write(&options.out)

@@ -1,79 +1,146 @@
 //! Progress on the terminal: one bar with ETA and counts by status; plain lines where there is no terminal.
+//!
+//! A thread of its own draws what it finds counted, so that a terminal that is stopped, full or gone does not hold up the
+//! thread that keeps finished jobs.
 
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::outcome::Status;
+use crate::terminal::{note, visible};
 
 /// Failures shown while a run is at work.
 const FAILURES_SHOWN: usize = 10;
+const DRAW_EVERY: Duration = Duration::from_millis(250);
 const LINE_EVERY: Duration = Duration::from_secs(10);
+/// How long the end of a run waits for the last line.
+const PATIENCE: Duration = Duration::from_secs(1);
 
+/// Where finished jobs are counted.
 pub struct Progress {
-    bar: Option<ProgressBar>,
-    total: usize,
-    counts: BTreeMap<Status, usize>,
-    started: Instant,
-    last_line: Instant,
+    state: Arc<Mutex<State>>,
+    /// Hung up to end the thread that draws.
+    end: Option<Sender<()>>,
+    ended: Receiver<()>,
 }
 
-impl Progress {
-    pub fn new(total: usize) -> Self {
-        let style = ProgressStyle::with_template("{elapsed_precise} [{bar:32}] {pos}/{len} jobs, ETA {eta}  {msg}")
-            .expect("the template is valid")
-            .progress_chars("=> ");
-        let bar = (total > 0 && std::io::stderr().is_terminal()).then(|| {
-            let bar = ProgressBar::new(total as u64).with_style(style);
-            bar.enable_steady_tick(Duration::from_millis(250));
-            bar
-        });
-        let now = Instant::now();
-        Self { bar, total, counts: BTreeMap::new(), started: now, last_line: now }
+#[derive(Clone, Default)]
+struct State {
+    counts: BTreeMap<Status, usize>,
+    /// Failures that are not on the terminal yet.
+    failures: Vec<String>,
+}
+
+impl State {
+    fn done(&self) -> usize {
+        self.counts.values().sum()
     }
 
-    /// Counts a job; a failed one is shown at once.
-    pub fn finished(&mut self, index: usize, status: Status, error: Option<&str>) {
-        *self.counts.entry(status).or_default() += 1;
-        if status != Status::Converged {
-            self.failed(&format!("job {index}: {}: {}", status.name(), error.unwrap_or("no reason given")));
-        }
-        let done: usize = self.counts.values().sum();
-        match &self.bar {
-            Some(bar) => {
-                bar.set_message(self.summary());
-                bar.set_position(done as u64);
-            }
-            None if done == self.total || self.last_line.elapsed() >= LINE_EVERY => {
-                self.last_line = Instant::now();
-                let elapsed = self.started.elapsed().as_secs_f64();
-                let left = elapsed / done as f64 * (self.total - done) as f64;
-                eprintln!("{done}/{} jobs after {elapsed:.1} s, ETA {left:.0} s: {}", self.total, self.summary());
-            }
-            None => {}
-        }
-    }
-
-    fn failed(&self, text: &str) {
-        let failed: usize = self.counts.iter().filter(|(s, _)| **s != Status::Converged).map(|(_, count)| count).sum();
-        let text = match failed {
-            0..=FAILURES_SHOWN => text.to_owned(),
-            _ if failed == FAILURES_SHOWN + 1 => "… further failed jobs are counted only".to_owned(),
-            _ => return,
-        };
-        match &self.bar {
-            Some(bar) => bar.println(text),
-            None => eprintln!("{text}"),
-        }
+    fn failed(&self) -> usize {
+        self.done() - self.counts.get(&Status::Converged).copied().unwrap_or(0)
     }
 
     fn summary(&self) -> String {
         self.counts.iter().map(|(status, count)| format!("{count} {}", status.name())).collect::<Vec<_>>().join(", ")
     }
+}
 
-    pub fn end(&self) {
+impl Progress {
+    pub fn new(total: usize) -> Self {
+        let state = Arc::<Mutex<State>>::default();
+        let ((end, is_ending), (has_ended, ended)) = (mpsc::channel::<()>(), mpsc::channel());
+        let seen = Arc::clone(&state);
+        std::thread::spawn(move || {
+            let mut screen = Screen::new(total);
+            while is_ending.recv_timeout(DRAW_EVERY) == Err(RecvTimeoutError::Timeout) {
+                screen.draw(taken(&seen));
+            }
+            screen.draw(taken(&seen));
+            screen.end();
+            let _ = has_ended.send(());
+        });
+        Self { state, end: Some(end), ended }
+    }
+
+    /// Counts a job; the first that fail are shown.
+    pub fn finished(&self, index: usize, status: Status, error: Option<&str>) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        *state.counts.entry(status).or_default() += 1;
+        if status == Status::Converged {
+            return;
+        }
+        match state.failed() {
+            0..=FAILURES_SHOWN => {
+                let text = format!("job {index}: {}: {}", status.name(), error.unwrap_or("no reason given"));
+                state.failures.push(text);
+            }
+            failed if failed == FAILURES_SHOWN + 1 => {
+                state.failures.push("… further failed jobs are counted only".to_owned());
+            }
+            _ => {}
+        }
+    }
+
+    /// Shows the last state.
+    pub fn end(&mut self) {
+        if self.end.take().is_some() {
+            let _ = self.ended.recv_timeout(PATIENCE);
+        }
+    }
+}
+
+fn taken(state: &Mutex<State>) -> State {
+    let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+    let failures = std::mem::take(&mut state.failures);
+    State { failures, ..state.clone() }
+}
+
+struct Screen {
+    bar: Option<ProgressBar>,
+    total: usize,
+    started: Instant,
+    last_line: Instant,
+    /// Jobs done that a line has told of.
+    told: usize,
+}
+
+impl Screen {
+    fn new(total: usize) -> Self {
+        let style = ProgressStyle::with_template("{elapsed_precise} [{bar:32}] {pos}/{len} jobs, ETA {eta}  {msg}")
+            .expect("the template is valid")
+            .progress_chars("=> ");
+        let bar =
+            (total > 0 && std::io::stderr().is_terminal()).then(|| ProgressBar::new(total as u64).with_style(style));
+        let now = Instant::now();
+        Self { bar, total, started: now, last_line: now, told: 0 }
+    }
+
+    fn draw(&mut self, state: State) {
+        let done = state.done();
+        for failure in &state.failures {
+            match &self.bar {
+                Some(bar) => bar.println(visible(failure)),
+                None => note(failure),
+            }
+        }
+        if let Some(bar) = &self.bar {
+            bar.set_message(state.summary());
+            bar.set_position(done as u64);
+            bar.tick();
+        } else if done > self.told && (done == self.total || self.last_line.elapsed() >= LINE_EVERY) {
+            (self.last_line, self.told) = (Instant::now(), done);
+            let elapsed = self.started.elapsed().as_secs_f64();
+            let left = elapsed / done as f64 * (self.total - done) as f64;
+            note(&format!("{done}/{} jobs after {elapsed:.1} s, ETA {left:.0} s: {}", self.total, state.summary()));
+        }
+    }
+
+    fn end(&self) {
         if let Some(bar) = &self.bar {
             bar.finish();
         }

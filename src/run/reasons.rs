@@ -58,7 +58,7 @@ pub fn reasons(study: &Study, folder: &Path) -> Result<Vec<Reason>> {
     if !folder.is_dir() {
         return Ok(vec![Reason::New; study.jobs.len()]);
     }
-    let store = Store::read(folder, true)?;
+    let store = Store::read(folder)?;
     let known = |job: &Job| {
         store.get(&job.id).map(|header| match header.status {
             Status::Converged if header.solver == SOLVER => Reason::Done,

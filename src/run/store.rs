@@ -7,16 +7,20 @@
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 
 use super::Shard;
+use super::folder::is_held;
 use crate::SOLVER;
 use crate::error::{Error, Result};
+use crate::files::partial;
 use crate::outcome::{Outcome, Status};
+use crate::terminal::note;
 
 const OUTCOME: &[u8] = b",\"outcome\":";
 
@@ -33,8 +37,24 @@ pub struct Header {
     pub time_ms: u64,
     /// Bytes of the outcome's text.
     length: usize,
-    /// Hash of the outcome's text.
+    /// Hash of the header, with nothing here, and the outcome's text.
     check: String,
+}
+
+impl Header {
+    /// The line's beginning up to the outcome's text.
+    fn text(&self) -> Vec<u8> {
+        let mut text = serde_json::to_vec(self).expect("a header is plain data");
+        text.pop(); // its closing brace comes after the outcome
+        text.extend_from_slice(OUTCOME);
+        text
+    }
+
+    fn is_of(&self, body: &[u8]) -> bool {
+        let plain = Header { check: String::new(), ..self.clone() };
+        // Before, only the outcome's text was covered.
+        self.check == hash(&[&plain.text(), body]) || self.check == hash(&[body])
+    }
 }
 
 struct Entry {
@@ -44,12 +64,22 @@ struct Entry {
     offset: u64,
 }
 
+struct Own {
+    place: usize,
+    file: File,
+    /// Where its last whole line ends.
+    end: u64,
+}
+
 /// The finished jobs of a folder.
+#[derive(Default)]
 pub struct Store {
-    files: Vec<(PathBuf, File)>,
+    files: Vec<PathBuf>,
     entries: HashMap<String, Entry>,
-    /// The file that this process writes to, and where it ends.
-    own: Option<(usize, u64)>,
+    /// The file that this process writes to.
+    own: Option<Own>,
+    /// The file last read from: one at a time, since there may be more shards than files that a process may open.
+    reading: Option<(usize, File)>,
     /// Damaged lines passed over.
     pub damaged: usize,
 }
@@ -58,18 +88,17 @@ pub struct Store {
 pub fn line(job_id: &str, outcome: &Outcome, retried: bool, after: u64) -> Vec<u8> {
     let body = serde_json::to_vec(outcome).expect("rows are plain data");
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64);
-    let header = Header {
+    let mut header = Header {
         job_id: job_id.to_owned(),
         status: outcome.job.status,
         solver: SOLVER.to_owned(),
         retried,
-        time_ms: now.max(after + 1),
+        time_ms: now.max(after.saturating_add(1)),
         length: body.len(),
-        check: hash(&body),
+        check: String::new(),
     };
-    let mut line = serde_json::to_vec(&header).expect("a header is plain data");
-    line.pop(); // its closing brace comes after the outcome
-    line.extend_from_slice(OUTCOME);
+    header.check = hash(&[&header.text(), &body]);
+    let mut line = header.text();
     line.extend_from_slice(&body);
     line.extend_from_slice(b"}\n");
     line
@@ -77,14 +106,16 @@ pub fn line(job_id: &str, outcome: &Outcome, retried: bool, after: u64) -> Vec<u
 
 const BUSY: &str = "another run is at work in this folder; wait for it, or choose another --out";
 
-/// Whether some process writes to a file of finished jobs.
-fn is_held(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+fn hash(parts: &[&[u8]]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    parts.iter().for_each(|part| {
+        hasher.update(part);
+    });
+    hasher.finalize().to_hex()[..16].to_owned()
 }
 
-fn hash(bytes: &[u8]) -> String {
-    blake3::hash(bytes).to_hex()[..16].to_owned()
-}
+/// How every line begins.
+const BEGIN: &[u8] = b"{\"job_id\":\"";
 
 /// Longest header.
 const HEADER: usize = 1024;
@@ -97,26 +128,23 @@ fn parse(line: &[u8]) -> Option<(Header, usize)> {
     Some((serde_json::from_slice(&head).ok()?, split + OUTCOME.len()))
 }
 
-/// The line that begins at `offset`, without its outcome unless `verify` asks for it to be checked; `None` if it is not whole.
-fn line_at(file: &mut File, offset: u64, size: u64, verify: bool) -> std::io::Result<Option<(Header, u64)>> {
+/// The header of the line that begins at `offset`, and where its outcome begins; `None` if the line is not whole.
+fn line_at(file: &mut File, offset: u64, size: u64) -> std::io::Result<Option<(Header, u64)>> {
     let mut begin = vec![0; HEADER.min((size - offset) as usize)];
     file.seek(SeekFrom::Start(offset))?;
     file.read_exact(&mut begin)?;
     let Some((header, start)) = parse(&begin) else { return Ok(None) };
     let body = offset + start as u64;
-    let is_last = body + header.length as u64 + 2 == size;
-    if body + header.length as u64 + 2 > size {
+    if header.length as u64 > size.saturating_sub(body + 2) {
         return Ok(None);
     }
-    if verify || is_last {
-        let mut rest = vec![0; header.length + 2];
-        file.seek(SeekFrom::Start(body))?;
-        file.read_exact(&mut rest)?;
-        if !rest.ends_with(b"}\n") || hash(&rest[..header.length]) != header.check {
-            return Ok(None);
-        }
+    let mut rest = vec![0; header.length + 2];
+    file.seek(SeekFrom::Start(body))?;
+    if let Err(error) = file.read_exact(&mut rest) {
+        // It has become shorter under our eyes.
+        return if error.kind() == ErrorKind::UnexpectedEof { Ok(None) } else { Err(error) };
     }
-    Ok(Some((header, body)))
+    Ok((rest.ends_with(b"}\n") && header.is_of(&rest[..header.length])).then_some((header, body)))
 }
 
 /// Where the line at `offset` ends, just behind its `\n`; `None` if it has none.
@@ -128,14 +156,9 @@ fn end_of_line(file: &mut File, offset: u64) -> std::io::Result<Option<u64>> {
 }
 
 impl Store {
-    /// Reads what is there, and writes nothing. Without `verify` only the headers are looked at.
-    pub fn read(folder: &Path, verify: bool) -> Result<Self> {
-        let mut store = Self { files: Vec::new(), entries: HashMap::new(), own: None, damaged: 0 };
-        for path in Self::paths(folder)? {
-            let file = File::open(&path).map_err(|e| Error::io("open", &path, e))?;
-            store.scan(path, file, verify)?;
-        }
-        Ok(store)
+    /// Reads what is there, and writes nothing.
+    pub fn read(folder: &Path) -> Result<Self> {
+        Self::read_all(&Self::paths(folder)?)
     }
 
     /// Opens the store for writing by this process alone.
@@ -143,7 +166,7 @@ impl Store {
     /// # Errors
     /// If another run is at work in this folder. (Shards share it, each with a file of its own.)
     pub fn open(folder: &Path, shard: Option<Shard>, fresh: bool) -> Result<Self> {
-        let (own, file) = Self::own(folder, shard)?;
+        let (own, mut file) = Self::own(folder, shard)?;
         let paths = Self::paths(folder)?;
         if fresh {
             let others: Vec<&PathBuf> = paths.iter().filter(|path| **path != own).collect();
@@ -155,41 +178,41 @@ impl Store {
             }
             file.set_len(0).map_err(|e| Error::io("empty", &own, e))?;
         }
-        let mut store = if fresh { Self::read_none() } else { Self::read_others(&paths, &own)? };
-        let end = store.scan(own.clone(), file, true)?;
-        let place = store.files.len() - 1;
-        let file = &mut store.files[place].1;
+        let others: Vec<PathBuf> = paths.into_iter().filter(|path| !fresh && *path != own).collect();
+        let mut store = Self::read_all(&others)?;
+        let end = store.scan(own.clone(), &mut file)?;
         // A last line that was cut off would spoil the next one.
-        file.set_len(end).and_then(|()| file.seek(SeekFrom::Start(end))).map_err(|e| Error::io("mend", &own, e))?;
-        store.own = Some((place, end));
+        file.set_len(end).map_err(|e| Error::io("mend", &own, e))?;
+        store.own = Some(Own { place: store.files.len() - 1, file, end });
         if store.damaged > 0 {
-            eprintln!("note: {} damaged line(s) in {}: those jobs run again", store.damaged, folder.display());
+            let (count, folder) = (store.damaged, folder.display());
+            note(&format!("note: {count} damaged line(s) in {folder}: those jobs run again"));
         }
         Ok(store)
     }
 
-    fn read_none() -> Self {
-        Self { files: Vec::new(), entries: HashMap::new(), own: None, damaged: 0 }
-    }
-
-    fn read_others(paths: &[PathBuf], own: &Path) -> Result<Self> {
-        let mut store = Self::read_none();
-        for path in paths.iter().filter(|path| *path != own) {
-            let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
-            store.scan(path.clone(), file, true)?;
+    fn read_all(paths: &[PathBuf]) -> Result<Self> {
+        let mut store = Self::default();
+        for path in paths {
+            let mut file = File::open(path).map_err(|e| Error::io("open", path, e))?;
+            store.scan(path.clone(), &mut file)?;
         }
         Ok(store)
+    }
+
+    /// Whether a file of that name looks as if a run had written it: it is empty, or begins as lines do, whole or not.
+    pub fn is_own(path: &Path) -> bool {
+        let mut begin = Vec::new();
+        let read = File::open(path).and_then(|file| file.take(BEGIN.len() as u64).read_to_end(&mut begin));
+        read.is_ok() && BEGIN.starts_with(&begin)
     }
 
     /// The files of a folder, by name.
-    fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
+    pub fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
         let entries = std::fs::read_dir(folder).map_err(|e| Error::io("read", folder, e))?;
         let mut paths: Vec<PathBuf> = entries
             .filter_map(|entry| Some(entry.ok()?.path()))
-            .filter(|path| {
-                let name = path.file_name().and_then(|name| name.to_str()).unwrap_or("");
-                name.starts_with("finished") && name.ends_with(".jsonl")
-            })
+            .filter(|path| path.file_name().and_then(|name| name.to_str()).is_some_and(is_name))
             .collect();
         paths.sort();
         Ok(paths)
@@ -212,7 +235,7 @@ impl Store {
                 .open(&path)
                 .map_err(|e| Error::io("open", &path, e))?;
             match file.try_lock() {
-                Ok(()) => return Ok((path, file)),
+                Ok(()) => return Ok((path.clone(), unshared(&path, file).map_err(|e| Error::io("copy", &path, e))?)),
                 Err(TryLockError::WouldBlock) if shard.is_none() => {
                     return Err(Error::io("open", &path, std::io::Error::other(BUSY)));
                 }
@@ -241,27 +264,27 @@ impl Store {
     }
 
     /// Takes in all lines of a file; returns where the last whole one ends.
-    fn scan(&mut self, path: PathBuf, mut file: File, verify: bool) -> Result<u64> {
+    fn scan(&mut self, path: PathBuf, file: &mut File) -> Result<u64> {
         let failed = |e| Error::io("read", &path, e);
         let size = file.metadata().map_err(failed)?.len();
         let place = self.files.len();
         let mut end = 0;
         while end < size {
-            match line_at(&mut file, end, size, verify).map_err(failed)? {
+            match line_at(file, end, size).map_err(failed)? {
                 Some((header, offset)) => {
                     end = offset + header.length as u64 + 2;
                     self.insert(Entry { header, file: place, offset });
                 }
                 None => {
                     self.damaged += 1;
-                    match end_of_line(&mut file, end).map_err(failed)? {
+                    match end_of_line(file, end).map_err(failed)? {
                         Some(next) => end = next,
                         None => break,
                     }
                 }
             }
         }
-        self.files.push((path, file));
+        self.files.push(path);
         Ok(end)
     }
 
@@ -281,12 +304,16 @@ impl Store {
     /// The outcome of a finished job.
     pub fn outcome(&mut self, job_id: &str) -> Result<Option<Outcome>> {
         let Some(entry) = self.entries.get(job_id) else { return Ok(None) };
-        let (path, file) = &mut self.files[entry.file];
+        let path = &self.files[entry.file];
+        let failed = |e| Error::io("read", path, e);
+        let file = match &mut self.reading {
+            Some((place, file)) if *place == entry.file => file,
+            other => &mut other.insert((entry.file, File::open(path).map_err(failed)?)).1,
+        };
         let mut body = vec![0; entry.header.length];
-        let read = file.seek(SeekFrom::Start(entry.offset)).and_then(|_| file.read_exact(&mut body));
-        read.map_err(|e| Error::io("read", path, e))?;
-        let damaged = |e: String| Error::io("read", path, std::io::Error::other(format!("job {job_id}: {e}")));
-        if hash(&body) != entry.header.check {
+        file.seek(SeekFrom::Start(entry.offset)).and_then(|_| file.read_exact(&mut body)).map_err(failed)?;
+        let damaged = |e: String| failed(std::io::Error::other(format!("job {job_id}: {e}")));
+        if !entry.header.is_of(&body) {
             return Err(damaged("its line was changed on disk; run the study again to compute it anew".to_owned()));
         }
         serde_json::from_slice(&body).map(Some).map_err(|e| damaged(e.to_string()))
@@ -302,26 +329,49 @@ impl Store {
 
     /// All of the lines, or none.
     fn append(&mut self, lines: &[Vec<u8>]) -> Result<()> {
-        let (place, end) = self.own.expect("the store is open for writing");
-        let (path, file) = &mut self.files[place];
+        let Own { place, file, end } = self.own.as_mut().expect("the store is open for writing");
+        let (place, mut offset) = (*place, *end);
         let written = file
-            .seek(SeekFrom::Start(end))
+            .seek(SeekFrom::Start(offset))
             .and_then(|_| file.write_all(&lines.concat()))
             .and_then(|()| file.sync_data());
         if let Err(error) = written {
-            let _ = file.set_len(end); // no half line stays
-            return Err(Error::io("write", path, error));
+            let _ = file.set_len(offset); // no half line stays
+            return Err(Error::io("write", &self.files[place], error));
         }
-        let mut offset = end;
+        *end += lines.iter().map(|line| line.len() as u64).sum::<u64>();
         for line in lines {
             let (header, start) = parse(line).expect("a line made by `line`");
             let entry = Entry { header, file: place, offset: offset + start as u64 };
             self.entries.insert(entry.header.job_id.clone(), entry);
             offset += line.len() as u64;
         }
-        self.own = Some((place, offset));
         Ok(())
     }
+}
+
+/// `finished.jsonl`, `finished.I-of-N….jsonl`, or `finished.all….jsonl` where there are no locks.
+fn is_name(name: &str) -> bool {
+    let Some(inner) = name.strip_prefix("finished.").and_then(|name| name.strip_suffix("jsonl")) else { return false };
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit() || b == b'-');
+    let mut parts = inner.trim_end_matches('.').split('.');
+    let is_shard = |part: &str| part.split_once("-of-").is_some_and(|(i, n)| is_number(i) && is_number(n));
+    let first = parts.next().unwrap_or_default();
+    (first.is_empty() || first == "all" || is_shard(first)) && parts.all(is_number)
+}
+
+/// A file of one name alone: where it has others, as in a backup by hard links, a copy takes this name.
+fn unshared(path: &Path, mut file: File) -> std::io::Result<File> {
+    if file.metadata()?.nlink() < 2 {
+        return Ok(file);
+    }
+    let partial = partial(path);
+    let mut copy = OpenOptions::new().create_new(true).read(true).write(true).open(&partial)?;
+    copy.lock()?;
+    std::io::copy(&mut file, &mut copy)?;
+    copy.sync_all()?;
+    std::fs::rename(&partial, path)?;
+    Ok(copy)
 }
 
 #[cfg(test)]
@@ -352,7 +402,7 @@ mod tests {
             assert_eq!(store.outcome("b").unwrap().is_some(), kept >= 2);
             store.add(&[line("c", &outcome("new"), false, 0)]).unwrap();
             drop(store);
-            let mut store = Store::read(folder.path(), true).unwrap();
+            let mut store = Store::read(folder.path()).unwrap();
             assert_eq!((store.damaged, store.outcome("c").unwrap()), (0, Some(outcome("new"))));
         }
     }
@@ -362,14 +412,16 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("finished.jsonl");
         let whole = line("a", &outcome("one"), false, 0);
+        let header = parse(&whole).unwrap().0;
         for i in 0..whole.len() {
             let mut bytes = whole.clone();
             bytes[i] ^= 1;
             std::fs::write(&path, &bytes).unwrap();
-            let mut store = Store::read(folder.path(), true).unwrap();
+            let mut store = Store::read(folder.path()).unwrap();
             // What is still read is what was written, whatever became of the rest of its header.
             if let Some(found) = store.outcome("a").unwrap() {
                 assert_eq!(found, outcome("one"), "byte {i}");
+                assert_eq!(store.get("a").unwrap(), &header, "byte {i}");
             }
         }
     }
@@ -385,7 +437,7 @@ mod tests {
         let mut store = Store::open(folder.path(), None, false).unwrap();
         store.add(&[line("a", &outcome("two"), true, after)]).unwrap();
         drop(store);
-        assert_eq!(Store::read(folder.path(), true).unwrap().outcome("a").unwrap(), Some(outcome("two")));
+        assert_eq!(Store::read(folder.path()).unwrap().outcome("a").unwrap(), Some(outcome("two")));
     }
 
     #[test]
@@ -398,7 +450,7 @@ mod tests {
         one.add(&[line("a", &outcome("one"), false, 0)]).unwrap();
         two.add(&[line("b", &outcome("two"), false, 0)]).unwrap();
         again.add(&[line("c", &outcome("three"), false, 0)]).unwrap();
-        let store = Store::read(folder.path(), true).unwrap();
+        let store = Store::read(folder.path()).unwrap();
         assert!(["a", "b", "c"].iter().all(|id| store.get(id).is_some()));
         assert!(Store::at_work(folder.path()));
         assert!(Store::open(folder.path(), None, true).is_err(), "their files are not forgotten under their hands");

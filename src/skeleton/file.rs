@@ -13,7 +13,7 @@ use super::surface::{Shape, Side, Surface};
 use super::{Abduction, Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 use crate::model::curves::ForceVelocity;
-use crate::model::file::{CurvesEntry, finite, positive, unique};
+use crate::model::file::{CurvesEntry, finite, named, positive, unique};
 
 pub(super) type Checked<T> = std::result::Result<T, Issue>;
 
@@ -366,6 +366,7 @@ impl SkeletonFile {
                 "a spatial model has dimensions = 3; a planar one has no such key",
             ));
         }
+        mistakes.take(named(&["name"], &self.name));
         mistakes.take(unique("body", self.body.iter().map(|body| body.name.as_str())));
         mistakes.take(unique("coordinate", self.coordinate.iter().map(|coordinate| coordinate.name.as_str())));
         mistakes.take(unique("surface", self.surface.iter().map(|surface| surface.name.as_str())));

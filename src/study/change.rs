@@ -36,13 +36,36 @@ pub fn is_model_path(name: &str) -> bool {
     GROUPS.contains(&name.split('.').next().unwrap_or(""))
 }
 
+/// A path with each entry that has a name under it, and not under its number: one number, one path.
+fn canonical(model: &toml::Table, path: &str) -> String {
+    let mut place: Option<&toml::Value> = None;
+    let mut keys: Vec<String> = Vec::new();
+    for key in path.split('.') {
+        let (plain, scale) = match place {
+            // force.<name>_scale
+            Some(toml::Value::Array(_)) => key.strip_suffix("_scale").map_or((key, ""), |plain| (plain, "_scale")),
+            _ => (key, ""),
+        };
+        let next = if keys.is_empty() { model.get(key) } else { place.and_then(|place| child(place, plain)) };
+        keys.push(match (place, next) {
+            (Some(toml::Value::Array(items)), Some(next)) => {
+                let index = items.iter().position(|item| std::ptr::eq(item, next)).expect("one of the items");
+                format!("{}{scale}", name_of(index, next))
+            }
+            _ => key.to_owned(),
+        });
+        place = next;
+    }
+    keys.join(".")
+}
+
 /// The paths that `path` stands for: itself, or with `*` in it all that fit, in the order of the model file.
 ///
 /// # Errors
 /// If nothing fits.
 pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complaint> {
     if !path.contains('*') {
-        return Ok(vec![path.to_owned()]);
+        return Ok(vec![canonical(model, path)]);
     }
     let keys: Vec<&str> = path.split('.').collect();
     let mut found = vec![(Vec::new(), None::<&toml::Value>)];

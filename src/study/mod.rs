@@ -5,16 +5,19 @@ pub mod file;
 mod plan;
 mod sample;
 pub mod settings;
+mod size;
 pub mod sources;
 pub mod sweep;
 
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::deadline::Deadline;
 use crate::error::{Error, Issue, Mistakes, Result, SourceFile};
-use crate::model::file::ModelFile;
+use crate::model::file::{ModelFile, named};
 use crate::model::{Mechanics, Model};
-use crate::motion::MotionTable;
+use crate::motion::{MotionSettings, MotionTable, Unmeasured};
+use crate::names;
 use crate::opensim;
 use crate::skeleton::Role;
 use crate::skeleton::Skeleton;
@@ -158,9 +161,10 @@ impl Study {
 
 fn check_name(name: &str) -> std::result::Result<(), Issue> {
     let fits = name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c));
-    if !fits || name.starts_with('.') || name.is_empty() {
-        let help = "the name becomes a folder: letters, digits, - _ and . only";
-        return Err(Issue::new(&["name"], format!("found \"{name}\""), help));
+    if !fits || name.starts_with('.') || names::flaw(name).is_some() {
+        let help =
+            "the name becomes a folder: letters, digits, - _ and . only, at most 200, none of - and . at the beginning";
+        return Err(Issue::new(&["name"], format!("found \"{}\"", names::shown(name)), help));
     }
     Ok(())
 }
@@ -210,6 +214,7 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
                 help,
             ));
         }
+        named(&["ratio", &index.to_string(), "name"], &ratio.name)?;
         if ratio.measure.0.is_empty() {
             let help = "leave it out for mean_force, or name one: mean_force, peak_force, impulse, activation";
             return Err(Issue::new(&["ratio", &index.to_string(), "measure"], "no measure", help));
@@ -282,15 +287,31 @@ fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Res
     ))
 }
 
+/// Instants of a motion at which a planar model's joints are closed to see whether it can make the motion.
+const LOOKED_AT: usize = 101;
+
 /// A motion further than this from holding two points together leaves the model's constraints, m.
 const LARGEST_GAP: f64 = 5e-3;
 
 /// The motion must keep points together that the model holds together, but for what measuring errors explain.
 fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file: &SourceFile) -> Result<()> {
-    let Some(spatial) = model.spatial() else { return Ok(()) };
     // As the file says: the study's changes of single coordinates are its own affair.
-    let plain = Settings { motion: Vec::new(), time_scale: 1.0, ..base.clone() };
-    let measured = crate::solve::motion_settings(&plain).joint_motion(motion, spatial);
+    let plain = Settings { motion: Vec::new(), time_scale: 1.0, noise_sd: 0.0, ..base.clone() };
+    let plain = crate::solve::motion_settings(&plain);
+    let Some(spatial) = model.spatial() else {
+        let plain = MotionSettings { measurement_ratio: 1, ..plain };
+        let instants = motion.time.len().min(LOOKED_AT);
+        return match plain.measure(motion, model, instants, Deadline::default()) {
+            Err(moved @ Unmeasured::Moved { .. }) => {
+                let help =
+                    "give only as many coordinates as the loop leaves free, or values that close it (to 2° or 5 mm)";
+                Err(file.error(None, format!("{}: {moved}", file.path.display()), "", Some(help.to_owned())))
+            }
+            // Joints that stay open may be closed by a change of the model: each job says so itself.
+            _ => Ok(()),
+        };
+    };
+    let measured = plain.joint_motion(motion, spatial);
     for &time in &motion.time {
         let Some((gap, name)) = measured.gap(time - motion.start()).filter(|(gap, _)| *gap > LARGEST_GAP) else {
             continue;

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
 use super::settings::{Complaint, Girdle, Settings, Value, WarmStart};
+use super::size;
 use super::sweep::{self, Expansion, Place, Point};
 use super::{Job, SCHEMA_VERSION};
 use crate::error::{Issue, Mistakes};
@@ -101,6 +102,7 @@ impl<'m> Plan<'m> {
 
         let single = [Sweep::default()];
         let sweeps: &[Sweep] = if file.sweep.0.is_empty() { &single } else { &file.sweep.0 };
+        size::check(sweeps).map_err(|issue| vec![issue])?;
         for (i, sweep) in sweeps.iter().enumerate() {
             // A table is [sweep], several are [[sweep]]; a path through the one has no index.
             let place =
@@ -244,7 +246,7 @@ impl<'m> Plan<'m> {
             if !seen.insert(names.clone()) {
                 continue;
             }
-            let mut owners: HashMap<String, &str> = HashMap::new();
+            let mut owners = Owners::default();
             for name in names {
                 if let Some(base) = self.other_way(self.paths.get(name).into_iter().flatten()) {
                     let message =
@@ -252,7 +254,7 @@ impl<'m> Plan<'m> {
                     return Err(sweep::issue(self.place(name), message, "say it in one of the two ways"));
                 }
                 for target in self.targets(name) {
-                    if let Some(other) = owners.insert(target.clone(), name) {
+                    if let Some(other) = owners.insert(&target, name) {
                         let message = format!("`{name}` and `{other}` both set {target}");
                         let help = "a job has one value of each: sweep it under one name, or in two sweeps ([[sweep]])";
                         return Err(sweep::issue(self.place(name), message, help));
@@ -406,6 +408,26 @@ impl<'m> Plan<'m> {
         let first =
             (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n], self.base.girdle).is_err());
         first.map_or_else(String::new, |n| changes[n - 1].path.clone())
+    }
+}
+
+/// Which name sets a number, or numbers within a list.
+#[derive(Default)]
+struct Owners<'n> {
+    targets: HashMap<String, &'n str>,
+    /// What targets are within.
+    outer: HashMap<String, &'n str>,
+}
+
+impl<'n> Owners<'n> {
+    /// Notes that a name sets a target; another that sets it, something within it, or what it is within.
+    fn insert(&mut self, target: &str, name: &'n str) -> Option<&'n str> {
+        let outer = || target.match_indices('.').map(|(end, _)| &target[..end]);
+        let other = self.outer.get(target).or_else(|| outer().find_map(|outer| self.targets.get(outer))).copied();
+        for outer in outer() {
+            self.outer.insert(outer.to_owned(), name);
+        }
+        self.targets.insert(target.to_owned(), name).or(other)
     }
 }
 

@@ -31,7 +31,8 @@ pub fn samples(sample: &Sample, place: &[String]) -> Result<Expansion, Issue> {
         let help = "add a parameter such as mu = { from = 0.1, to = 1.0 }";
         return Err(issue(place.to_vec(), "nothing is sampled", help));
     }
-    let shares = shares(sample, draws.len(), place)?;
+    let names: Vec<&str> = sample.draws.keys().map(String::as_str).collect();
+    let shares = shares(sample, &names, place)?;
     let numbers: std::sync::Arc<str> = SAMPLE.into();
     let point = |i: usize| {
         let drawn = draws.iter().zip(&shares).map(|((name, draw, _), shares)| (name.clone(), draw.at(shares[i])));
@@ -45,15 +46,20 @@ pub fn samples(sample: &Sample, place: &[String]) -> Result<Expansion, Issue> {
     })
 }
 
-/// For each of `dimensions` parameters `count` numbers in [0, 1).
-fn shares(sample: &Sample, dimensions: usize, place: &[String]) -> Result<Vec<Vec<f64>>, Issue> {
-    let count = sample.count;
-    let mut rng = ChaCha8Rng::seed_from_u64(sample.seed);
+/// For each parameter `count` numbers in [0, 1). They follow from its name and the seed: its place in the file does not matter.
+fn shares(sample: &Sample, names: &[&str], place: &[String]) -> Result<Vec<Vec<f64>>, Issue> {
+    let (count, dimensions) = (sample.count, names.len());
     let mut shares = vec![vec![0.0; count]; dimensions];
     match sample.method {
-        Method::Random => (0..count).for_each(|i| shares.iter_mut().for_each(|d| d[i] = rng.random())),
+        Method::Random => {
+            for (dimension, name) in shares.iter_mut().zip(names) {
+                let mut rng = stream(sample.seed, name);
+                dimension.iter_mut().for_each(|share| *share = rng.random());
+            }
+        }
         Method::LatinHypercube => {
-            for dimension in &mut shares {
+            for (dimension, name) in shares.iter_mut().zip(names) {
+                let mut rng = stream(sample.seed, name);
                 for (i, share) in dimension.iter_mut().enumerate() {
                     *share = (i as f64 + rng.random::<f64>()) / count as f64;
                 }
@@ -70,14 +76,24 @@ fn shares(sample: &Sample, dimensions: usize, place: &[String]) -> Result<Vec<Ve
                 return Err(issue(at(place, &["method"]), message, help));
             }
             let seed = (sample.seed ^ (sample.seed >> 32)) as u32;
-            for (d, dimension) in shares.iter_mut().enumerate() {
-                for (i, share) in dimension.iter_mut().enumerate() {
-                    *share = f64::from(sobol_burley::sample(i as u32, d as u32, seed));
+            // Dimensions of one sequence belong together; they are given out by the alphabet.
+            let mut order: Vec<usize> = (0..dimensions).collect();
+            order.sort_by_key(|&d| names[d]);
+            for (dimension, d) in order.into_iter().enumerate() {
+                for (i, share) in shares[d].iter_mut().enumerate() {
+                    *share = f64::from(sobol_burley::sample(i as u32, dimension as u32, seed));
                 }
             }
         }
     }
     Ok(shares)
+}
+
+/// The random numbers of one parameter.
+fn stream(seed: u64, name: &str) -> ChaCha8Rng {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&seed.to_le_bytes()).update(name.as_bytes());
+    ChaCha8Rng::from_seed(*hasher.finalize().as_bytes())
 }
 
 /// What a sampled parameter is drawn from.
@@ -135,6 +151,25 @@ mod tests {
             let x = jobs.iter().filter(|j| j[2] == Value::Text("x".into())).count();
             let even = if method == "random" { 20..44 } else { 32..33 };
             assert!(even.contains(&small) && even.contains(&x), "{method}: {small} {x}");
+        }
+    }
+
+    #[test]
+    fn the_order_of_the_keys_does_not_matter() {
+        for method in ["random", "latin_hypercube", "sobol"] {
+            let head = format!("method = '{method}'\ncount = 20\nseed = 3\n");
+            let (mu, mass) = ("mu = { from = 0.0, to = 1.0 }\n", "'body.a.mass' = { from = 1.0, to = 2.0 }\n");
+            let values = |text: String| {
+                let points = samples(&toml::from_str(&text).unwrap(), &[]).unwrap().points;
+                points
+                    .into_iter()
+                    .map(|mut p| {
+                        p.sort_by(|a, b| a.0.cmp(&b.0));
+                        p
+                    })
+                    .collect::<Vec<_>>()
+            };
+            assert_eq!(values(format!("{head}{mu}{mass}")), values(format!("{head}{mass}{mu}")), "{method}");
         }
     }
 

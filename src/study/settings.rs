@@ -248,6 +248,10 @@ pub struct Settings {
     /// Wall-clock limit of one job, s; null for none.
     #[schemars(range(min = 0.0, max = 1e9))]
     pub time_limit_s: Option<f64>,
+    /// A job that is foreseen to take more memory is not begun, MB.
+    #[schemars(range(min = 1.0, max = 1e9))]
+    #[serde(skip_serializing_if = "is_usual_memory")]
+    pub memory_limit_mb: f64,
     /// `motion.time_scale`
     #[schemars(skip)]
     pub time_scale: f64,
@@ -263,6 +267,14 @@ pub struct Settings {
 /// The default is no part of a job's identity, which planar models would otherwise have to change.
 fn is_prescribed(girdle: &Girdle) -> bool {
     *girdle == Girdle::Prescribed
+}
+
+/// 1 GB a job: as many jobs as there are cores run side by side.
+const USUAL_MEMORY: f64 = 1000.0;
+
+/// No part of a job's identity either, since it changes no result.
+fn is_usual_memory(limit: &f64) -> bool {
+    *limit == USUAL_MEMORY
 }
 
 impl Default for Settings {
@@ -287,6 +299,7 @@ impl Default for Settings {
             trajectories: false,
             max_iterations: 300,
             time_limit_s: None,
+            memory_limit_mb: USUAL_MEMORY,
             time_scale: 1.0,
             motion: Vec::new(),
             warn: Limits::default(),
@@ -321,6 +334,7 @@ pub const NAMES: &[&str] = &[
     "trajectories",
     "max_iterations",
     "time_limit_s",
+    "memory_limit_mb",
 ];
 
 impl Settings {
@@ -360,6 +374,7 @@ impl Settings {
                 self.time_limit_s =
                     Some(number(value, 0.0..=1e9, "a time in seconds; leave the key out for no limit")?);
             }
+            "memory_limit_mb" => self.memory_limit_mb = number(value, 1.0..=1e9, "MB, such as 4000")?,
             _ => match (name.strip_prefix("motion."), name.strip_prefix("warn.")) {
                 (Some(change), _) => self.set_motion(change, value, coordinates)?,
                 (_, Some(limit)) => self.set_limit(limit, value)?,
@@ -383,6 +398,12 @@ impl Settings {
     pub fn get(&self, name: &str) -> Option<Value> {
         if let Some(limit) = name.strip_prefix("warn.") {
             return self.warn.clone().named(limit).map(|limit| Value::Number(*limit));
+        }
+        // Not written down where they have their default.
+        match name {
+            "girdle" => return Some(Value::Text(self.girdle.name().to_owned())),
+            "memory_limit_mb" => return Some(Value::Number(self.memory_limit_mb)),
+            _ => {}
         }
         let Some(change) = name.strip_prefix("motion.") else {
             let all = serde_json::to_value(self).expect("settings are plain data");

@@ -30,6 +30,7 @@ use indexmap::IndexMap;
 use super::file::{Sweep, shown};
 use super::sample::samples;
 use super::settings::{Complaint, Value};
+use super::size::MOST_JOBS;
 use crate::error::Issue;
 
 /// What a sweep sets for one job.
@@ -37,9 +38,6 @@ pub type Point = Vec<(Arc<str>, Value)>;
 
 /// Name of the column that numbers the samples.
 pub const SAMPLE: &str = "sample";
-
-/// A sweep of more jobs than this is taken for a mistake.
-const MOST_JOBS: usize = 1_000_000;
 
 /// Where in the study file something is: keys from the top.
 pub type Place = Vec<String>;
@@ -74,24 +72,24 @@ pub struct Context<'c> {
 pub fn expand(sweep: &Sweep, place: &[String], context: &Context<'_>) -> Result<Expansion, Issue> {
     let mut whole = Expansion { points: vec![Vec::new()], axes: IndexMap::new() };
     if let Some(sample) = &sweep.sample {
-        whole = multiply(whole, samples(sample, &at(place, &["sample"]))?, place)?;
+        whole = multiply(whole, samples(sample, &at(place, &["sample"]))?)?;
     }
     for (name, group) in &sweep.group {
-        whole = multiply(whole, expand(group, &at(place, &["group", name]), context)?, place)?;
+        whole = multiply(whole, expand(group, &at(place, &["group", name]), context)?)?;
     }
     if !sweep.list.is_empty() {
-        whole = multiply(whole, list(&sweep.list, &at(place, &["list"]))?, place)?;
+        whole = multiply(whole, list(&sweep.list, &at(place, &["list"]))?)?;
     }
     if let Some(table) = &sweep.grid {
         for axis in distinct(axes(table, &at(place, &["grid"]))?)? {
-            whole = multiply(whole, axis.expansion(), place)?;
+            whole = multiply(whole, axis.expansion())?;
         }
     }
     if let Some(table) = &sweep.star {
-        whole = multiply(whole, star(distinct(axes(table, &at(place, &["star"]))?)?), place)?;
+        whole = multiply(whole, star(distinct(axes(table, &at(place, &["star"]))?)?))?;
     }
     if let Some(table) = &sweep.zip {
-        whole = multiply(whole, zip(axes(table, &at(place, &["zip"]))?)?, place)?;
+        whole = multiply(whole, zip(axes(table, &at(place, &["zip"]))?)?)?;
     }
     for (name, group) in &sweep.group {
         let own: Vec<&String> = group.when.iter().chain(&group.exclude).flat_map(toml::Table::keys).collect();
@@ -121,18 +119,9 @@ pub fn expand(sweep: &Sweep, place: &[String], context: &Context<'_>) -> Result<
     Ok(whole)
 }
 
-fn multiply(left: Expansion, right: Expansion, place: &[String]) -> Result<Expansion, Issue> {
+fn multiply(left: Expansion, right: Expansion) -> Result<Expansion, Issue> {
     if let Some((name, path)) = right.axes.iter().find(|(name, _)| left.axes.contains_key(*name)) {
         return Err(issue(path.clone(), format!("`{name}` is swept twice"), "sweep each name once"));
-    }
-    let count = left.points.len().saturating_mul(right.points.len());
-    if count > MOST_JOBS {
-        let message = format!("the sweep has {count} jobs and more; {MOST_JOBS} are the most");
-        return Err(issue(
-            place.to_vec(),
-            message,
-            "fewer values an axis, or [sweep.sample] instead of every combination",
-        ));
     }
     let points = match (left.points.len(), right.points.len()) {
         (1, _) if left.points[0].is_empty() => right.points,
@@ -510,7 +499,6 @@ mod tests {
             ("[sample]\ncount = 3\nseed = 1\nmu = { from = 0.0, to = 1.0, scale = 'log' }", "log range"),
             ("[sample]\ncount = 3\nseed = 1\nmu = 0.1", "draw"),
             ("[grid]\nmu = [1]\n[group.a.zip]\nmu = [1]", "swept twice"),
-            ("[grid]\na = { from = 1, to = 2, count = 2000 }\nb = { from = 1, to = 2, count = 2000 }", "4000000 jobs"),
             ("[grid]\na = [1]\n[[exclude]]\na = 1", "leave no job"),
             ("[grid]\nbounds = [1]\n[[when]]\nbound = 1", "which no job has"),
             ("[grid]\na = [1]\n[[when]]\na = { form = 1 }", "found { form = 1 }"),

@@ -5,7 +5,7 @@
 mod parquet;
 pub mod schema;
 
-pub use parquet::{Writer, read};
+pub use parquet::{STUDY, Writer, is_of_study, read};
 
 /// A column's values; `None` is missing.
 #[derive(Clone, Debug, PartialEq)]

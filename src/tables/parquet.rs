@@ -9,10 +9,15 @@ use polars::prelude::{
     BatchedWriter, Column, CompatLevel, DataFrame, DataType, KeyValueMetadata, NamedFrom, ParquetCompression,
     ParquetReader, ParquetWriter, SchemaExt, SerReader, Series,
 };
+use polars_parquet::read::read_metadata;
 use polars_parquet::write::schema_to_metadata_key;
 
 use super::{Table, Values};
 use crate::error::{Error, Result};
+use crate::files::partial;
+
+/// Key of the metadata that names the study of a table.
+pub const STUDY: &str = "sinew.study";
 
 /// A file that remembers why it could first not be written: polars does not always say.
 struct Output {
@@ -48,14 +53,7 @@ pub struct Writer {
 impl Writer {
     /// `metadata` become the file's key–value metadata.
     pub fn new(path: &Path, metadata: Vec<(String, String)>) -> Self {
-        Self {
-            path: path.to_owned(),
-            partial: path.with_extension(format!("parquet.{}.part", std::process::id())),
-            metadata,
-            file: None,
-            failure: Arc::default(),
-            rows: 0,
-        }
+        Self { path: path.to_owned(), partial: partial(path), metadata, file: None, failure: Arc::default(), rows: 0 }
     }
 
     /// Adds the rows of a table.
@@ -125,6 +123,18 @@ fn column(name: &str, values: &Values) -> Column {
         Values::Text(v) => Series::new(name, v),
     }
     .into()
+}
+
+/// Whether a file is a table that a study has left: it carries which.
+pub fn is_of_study(path: &Path) -> bool {
+    let metadata = || {
+        let mut file = File::open(path).ok()?;
+        // As in `read`, a damaged file may make the reader panic.
+        let read = || read_metadata(&mut file).ok();
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).ok()?
+    };
+    let pairs = metadata().and_then(|metadata| metadata.key_value_metadata().clone()).unwrap_or_default();
+    pairs.iter().any(|pair| pair.key == STUDY)
 }
 
 /// Reads a table back.

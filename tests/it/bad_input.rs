@@ -127,7 +127,7 @@ fn mistakes() -> Vec<Mistake> {
             "a billion jobs",
             "[sweep.grid]",
             "[sweep.grid]\nseed = { from = 1, to = 999999, count = 999999 }",
-            &["jobs and more; 1000000 are the most"],
+            &["the study has 5999994 jobs", "1000000 are the most"],
         ),
         study(
             "conditions that leave nothing",

@@ -19,7 +19,7 @@ fn alter(folder: &Path, name: &'static str, change: impl FnOnce(&mut Table)) {
     let path = folder.join(format!("{name}.parquet"));
     let mut table = read(name, &path).unwrap();
     change(&mut table);
-    let mut writer = Writer::new(&path, Vec::new());
+    let mut writer = Writer::new(&path, vec![(sinew::tables::STUDY.to_owned(), "small".to_owned())]);
     writer.append(&table).unwrap();
     writer.finish().unwrap();
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
+use sinew::deadline::Deadline;
 use sinew::guess::start_guess;
 use sinew::model::Model;
 use sinew::model::curves::{active_force_length, passive_force_length, tendon_force};
@@ -24,7 +25,7 @@ fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
     let table = motion("arm_curl.csv", model);
     let (instant, scheme, measurement) = prepare(model, &table, points);
     let problem = transcribe(&instant, &scheme, &measurement, &settings(|s| s.bounds = bounds));
-    let guess = start_guess(&instant, &scheme, points, &measurement).unwrap();
+    let guess = start_guess(&instant, &scheme, points, &measurement, Deadline::default()).unwrap();
     let outcome = sqp::solve(&problem, guess, SqpSettings::default());
     assert_eq!(outcome.status, SqpStatus::Converged);
     Solved { x: outcome.iterate.x, scheme }

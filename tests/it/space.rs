@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 use rand::{RngExt, SeedableRng};
+use sinew::deadline::Deadline;
 use sinew::model::Model;
 use sinew::model::spatial::euler;
 use sinew::model::spatial::joint::PER_BODY;
@@ -303,7 +304,7 @@ fn equations_of_every_girdle_have_their_derivatives() {
         let job = &study.jobs[0];
         let model = study.model_of(job).unwrap();
         let motion = motion_settings(&job.settings);
-        let measurement = motion.measure(&study.motion, &model, job.points).unwrap();
+        let measurement = motion.measure(&study.motion, &model, job.points, Deadline::default()).unwrap();
         let (instant, _) = discretise(&model, &job.settings, job.points, study.motion.duration());
         let instant = instant.within(std::sync::Arc::new(motion.surroundings(&study.motion, &model)));
         let (nz, rows, nm, nq) = (instant.variables(), instant.equations(), model.muscles.len(), model.coordinates());
@@ -364,7 +365,7 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
         let job = &study.jobs[0];
         let model = study.model_of(job).unwrap();
         let motion = motion_settings(&job.settings);
-        let measurement = motion.measure(&study.motion, &model, 61).unwrap();
+        let measurement = motion.measure(&study.motion, &model, 61, Deadline::default()).unwrap();
         let (instant, _) = discretise(&model, &job.settings, job.points, study.motion.duration());
         let instant = instant.within(std::sync::Arc::new(motion.surroundings(&study.motion, &model)));
         let mut z = vec![0.0; instant.variables()];
@@ -380,7 +381,8 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
         let spatial = model.spatial().unwrap();
         let reached = spatial.abduction_reached(&instant.coordinates(measurement.times[60], &z)).unwrap();
         let plain = poling(girdle, "");
-        let before = motion_settings(&plain.jobs[0].settings).measure(&study.motion, &model, 61).unwrap();
+        let before =
+            motion_settings(&plain.jobs[0].settings).measure(&study.motion, &model, 61, Deadline::default()).unwrap();
         z[..before.coordinates[60].len()].copy_from_slice(&before.coordinates[60]);
         let without = spatial.abduction_reached(&instant.coordinates(before.times[60], &z)).unwrap();
         assert!((reached - without - 12f64.to_radians()).abs() < 1e-6, "{girdle}: {reached} {without}");

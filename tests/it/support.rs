@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use sinew::deadline::Deadline;
 use sinew::error::SourceFile;
 use sinew::model::Model;
 use sinew::model::file::ModelFile;
@@ -60,7 +61,7 @@ pub fn settings(change: impl FnOnce(&mut Settings)) -> Settings {
 
 /// The measurement that settings ask for, on `points` collocation points.
 pub fn measured(settings: &Settings, model: &Model, table: &MotionTable, points: usize) -> Measurement {
-    motion_settings(settings).measure(table, model, points).unwrap()
+    motion_settings(settings).measure(table, model, points, Deadline::default()).unwrap()
 }
 
 /// Measurement and scheme of a motion on `points` points.

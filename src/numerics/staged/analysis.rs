@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
+use super::front::{LANE, Lane};
 use crate::numerics::sparse::Sparse;
 
 /// Work of a front beside that of its pivots, in multiplications.
@@ -84,6 +85,15 @@ impl Fronts {
 
     pub fn iter(&self) -> impl Iterator<Item = Pattern<'_>> {
         (0..self.len()).map(|f| self.get(f))
+    }
+
+    /// Bytes that a factorisation takes if no pivot is delayed: D Lᵀ, and the largest front with what it leaves.
+    pub fn bytes(&self) -> usize {
+        let lanes = |columns: usize| columns.div_ceil(LANE);
+        let factors = |front: Pattern<'_>| (0..front.own).map(|i| lanes(front.unknowns.len() - i) + 1).sum::<usize>();
+        let size = |front: Pattern<'_>| front.unknowns.len() * lanes(front.unknowns.len());
+        let largest = self.iter().map(size).max().unwrap_or(0);
+        (self.iter().map(factors).sum::<usize>() + 2 * largest) * size_of::<Lane>()
     }
 
     /// Adds a front with these entries by kind.

@@ -30,6 +30,7 @@ use self::checkpoint::Checkpoints;
 use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
 use super::memo::Memo;
 use super::sparse::Sparse;
+use crate::deadline::Deadline;
 
 const EQUILIBRATIONS: usize = 2;
 const ZERO: Lane = Lane([0.0; LANE]);
@@ -173,6 +174,8 @@ pub struct StagedLdl {
     factors: Factors,
     checkpoints: Checkpoints,
     work: Work,
+    /// A factorisation ends without a result when this passes.
+    pub deadline: Deadline,
 }
 
 /// Work space of the numeric factorisation.
@@ -227,13 +230,18 @@ impl StagedLdl {
             factors: Factors::default(),
             checkpoints: Checkpoints::default(),
             work: Work::default(),
+            deadline: Deadline::default(),
         }
     }
 
-    /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite.
+    /// Bytes that a factorisation takes at least.
+    pub fn bytes(&self) -> usize {
+        self.fronts.bytes()
+    }
+
+    /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite or the deadline passes.
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
-        self.eliminate(values, None);
-        self.inertia()
+        if self.eliminate(values, None) { self.inertia() } else { None }
     }
 
     /// Factorises the matrix and tells whether all but as many eigenvalues as there are duals are positive; if so it solves for `x` in place, half of
@@ -262,7 +270,11 @@ impl StagedLdl {
             x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
             (0..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, &mut work.local));
         }
+        let deadline = self.deadline;
         (begin..fronts.len()).all(|f| {
+            if deadline.passed() {
+                return false;
+            }
             let before = factors.fronts.len();
             work.factorise((fronts, f), (values, scale), duals, factors, &mut checkpoints.entries);
             checkpoints.pass(f + 1, factors, &work.rests[..work.waiting]);

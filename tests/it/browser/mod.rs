@@ -6,7 +6,10 @@
 use std::path::Path;
 use std::process::Command;
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use sinew::tables::{self, Table, Values};
 
 use super::cli::{sinew, text};
@@ -101,11 +104,15 @@ fn visit(browser: &str, page: &Path, link: &str, (theme, width): (&str, u32), as
         </script>";
     let ask = serde_json::to_string(ask).unwrap();
     let tell = format!(
-        "<script>{VISITOR}
+        "{VISITOR}
         visit({ask}).catch((e) => ({{ failed: e.stack }})).then((seen) => parent.postMessage(JSON.stringify({{ seen, wrong }}), '*'));
-        </script>"
+        "
     );
-    let html = html.replacen("<head>", hook, 1) + &tell;
+    // The page's policy lets no other script run: this one's hash is added.
+    let allowed = format!("script-src 'sha256-{}'", BASE64.encode(Sha256::digest(&tell)));
+    assert!(html.contains("script-src 'sha256-"), "the page has a policy on scripts");
+    let html =
+        html.replacen("<head>", hook, 1).replacen("script-src", &allowed, 1) + &format!("<script>{tell}</script>");
     std::fs::write(folder.path().join("page.html"), html).unwrap();
     let frame = format!(
         "<!DOCTYPE html><html style='color-scheme: {theme}'><body style='margin: 0'>
@@ -141,8 +148,7 @@ fn visit(browser: &str, page: &Path, link: &str, (theme, width): (&str, u32), as
         text(&output.stderr).lines().filter(|line| line.contains(":CONSOLE")).map(str::to_owned).collect();
     let told = dom.split_once("&lt;&lt;").and_then(|(_, rest)| rest.split_once("&gt;&gt;"));
     let told = told.unwrap_or_else(|| panic!("{name} tells nothing: {said:?}\n{dom}")).0;
-    use base64::Engine;
-    let told = base64::engine::general_purpose::STANDARD.decode(told).unwrap();
+    let told = BASE64.decode(told).unwrap();
     let told: serde_json::Value = serde_json::from_slice(&told).unwrap();
     assert_eq!(told["wrong"], serde_json::json!([]), "{name}");
     assert!(said.is_empty(), "{name}: {said:?}");
@@ -270,6 +276,47 @@ fn a_part_of_a_thousand_jobs_is_there_to_look_at() {
         .collect();
     assert!(wanted.len() > 3);
     assert_eq!(shown, wanted);
+}
+
+#[test]
+fn names_are_text_wherever_they_appear() {
+    const EVIL: &str = "\"><img src=x onerror=alert(1)>";
+    let Some(browser) = browser("names_are_text_wherever_they_appear") else { return };
+    let arm = std::fs::read_to_string(root().join("data/models/arm.toml")).unwrap();
+    let name = toml::Value::from(EVIL).to_string();
+    let study = format!(
+        "name = 'evil'\ndescription = {name}\nmodel = 'arm.toml'\nmotion = '{{root}}/data/motions/arm_curl.csv'
+         [base]\nh = 0.2\ntrajectories = true\n[sweep.grid]
+         'muscle.{EVIL}.max_isometric_force_scale' = [0.9, 1.0]
+         [[ratio]]\nname = {name}\nnumerator = {name}\ndenominator = 'triceps'\n"
+    );
+    // The first muscle, whose line is hovered over.
+    let folder = folder(&[("arm.toml", &arm.replace("\"deltoid_anterior\"", &name)), ("study.toml", &study)]);
+    let run = sinew(&["run", "study.toml", "--out", "out"], folder.path());
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    let (out, page) = (folder.path().join("out"), folder.path().join("evil.html"));
+    report(&out, &page);
+    let ask = Ask {
+        hover: Some(
+            "mean_force_n-over-muscle._img_src_x_onerror_alert_1_.max_isometric_force_scale-All_muscles".to_owned(),
+        ),
+        ..Ask::default()
+    };
+    let seen = look(browser, &page, &out, &ask);
+    assert!(seen.tips.len() > 1 && seen.tips.iter().all(|tip| tip.starts_with(EVIL)), "{:?}", seen.tips);
+    // Figures as files are XML, and so is a test report.
+    let svg = sinew(&["report", "out", "--svg"], folder.path());
+    assert!(svg.status.success(), "{}", text(&svg.stderr));
+    sinew(&["compare", "out", "base", "--accept"], folder.path());
+    sinew(&["compare", "out", "base", "--junit", "out/figures/junit.xml"], folder.path());
+    let mut files = 0;
+    for entry in std::fs::read_dir(out.join("figures")).unwrap() {
+        let path = entry.unwrap().path();
+        roxmltree::Document::parse(&std::fs::read_to_string(&path).unwrap())
+            .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        files += 1;
+    }
+    assert!(files > 20);
 }
 
 #[test]

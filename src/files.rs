@@ -1,0 +1,42 @@
+//! Files written whole or not at all.
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Writes a file whole or not at all: it appears under its name when the disk has all of it. A link is followed; what is no
+/// plain file, such as a pipe, is written as it is.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_whole(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
+    let failed = |e| Error::io("write", path, e);
+    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    if target.metadata().is_ok_and(|there| !there.is_file()) {
+        return std::fs::write(&target, bytes).map_err(failed);
+    }
+    let partial = partial(&target);
+    let written = std::fs::File::create(&partial)
+        .and_then(|mut file| file.write_all(bytes.as_ref()).and_then(|()| file.sync_all()))
+        .and_then(|()| std::fs::rename(&partial, &target));
+    written.map_err(|e| {
+        let _ = std::fs::remove_file(&partial);
+        failed(e)
+    })
+}
+
+/// The name of a file while this process writes it.
+pub fn partial(path: &Path) -> std::path::PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.part", std::process::id()));
+    path.with_file_name(name)
+}
+
+/// A path as text, for a manifest: what is not UTF-8 in it is replaced.
+///
+/// # Errors
+/// Those of the serialiser.
+pub fn as_text<S: serde::Serializer>(path: &Path, serialiser: S) -> std::result::Result<S::Ok, S::Error> {
+    serialiser.serialize_str(&path.to_string_lossy())
+}

@@ -1,0 +1,45 @@
+//! What names may be: of bodies, muscles, coordinates, ratios. They become cells of tables, words on the terminal and labels of figures.
+
+/// Longest name, in letters.
+const LONGEST: usize = 200;
+
+/// What is wrong with a name, if files, pages and spreadsheets cannot bear it.
+pub fn flaw(name: &str) -> Option<String> {
+    if name.is_empty() {
+        return Some("it is empty".to_owned());
+    }
+    let letters = name.chars().count();
+    if letters > LONGEST {
+        return Some(format!("it has {letters} letters; {LONGEST} are the most"));
+    }
+    if crate::terminal::visible(name) != name || name.contains(['\n', '\t']) {
+        return Some("it has a line break or another control character".to_owned());
+    }
+    name.starts_with(['=', '+', '-', '@'])
+        .then(|| format!("it begins with `{}`, which spreadsheets take for a formula", &name[..1]))
+}
+
+/// A name as a message shows it: its beginning, if it is very long.
+pub fn shown(name: &str) -> String {
+    match name.char_indices().nth(LONGEST / 4) {
+        None => name.to_owned(),
+        Some((end, _)) => format!("{}…", &name[..end]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_files_can_bear() {
+        for good in ["biceps", "Adductor longus (left)", "a<b>&\"c\"", "M. biceps_2", "μ-fibre", "1st"] {
+            assert_eq!(flaw(good), None, "{good}");
+        }
+        let long = "x".repeat(201);
+        for bad in ["", "a\nb", "a\tb", "\u{1b}[31m", "\u{202e}a", "=1+1", "+a", "-a", "@a", &long] {
+            assert!(flaw(bad).is_some(), "{bad}");
+        }
+        assert_eq!(shown(&long).chars().count(), 51);
+    }
+}

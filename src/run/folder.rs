@@ -1,0 +1,87 @@
+//! A results folder: what in it is Sinew's, and may be written and deleted. Nothing else is touched.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::path::{Path, PathBuf};
+
+use super::manifest::{self, Manifest};
+use super::store::Store;
+use crate::error::{Error, Result};
+use crate::tables::{self, schema};
+
+/// Held while tables and manifest are written.
+const LOCK: &str = ".tables.lock";
+
+/// The path of a table.
+pub fn table(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("{name}.parquet"))
+}
+
+/// Looks at what a run would write over, and returns the manifest that is there.
+///
+/// # Errors
+/// If anything under a name of Sinew's is not of Sinew's making, or a link to somewhere else.
+pub fn claim(folder: &Path) -> Result<Option<Manifest>> {
+    let refuse = |path: &Path, reason: &str| {
+        let help = "choose another --out, or move it away";
+        Err(Error::table("write over", path, format!("{reason}; {help}")))
+    };
+    let tables: Vec<PathBuf> = schema::TABLES.iter().map(|name| table(folder, name)).collect();
+    let finished = Store::paths(folder)?;
+    for path in tables.iter().chain(&finished).chain(&[folder.join(manifest::FILE), folder.join(LOCK)]) {
+        match path.symlink_metadata() {
+            Ok(there) if there.is_symlink() => return refuse(path, "it is a link to somewhere else"),
+            Ok(there) if !there.is_file() => return refuse(path, "it is no file"),
+            _ => {}
+        }
+    }
+    let manifest = match Manifest::read(folder) {
+        Ok(manifest) => manifest,
+        Err(error) => {
+            return refuse(&folder.join(manifest::FILE), &format!("it is no manifest of this version ({error})"));
+        }
+    };
+    if let Some(path) = tables.iter().find(|path| path.exists() && !tables::is_of_study(path)) {
+        return refuse(path, "no run of Sinew has written it");
+    }
+    if let (None, Some(path)) = (&manifest, finished.iter().find(|path| !Store::is_own(path))) {
+        return refuse(path, "no run of Sinew has written it");
+    }
+    Ok(manifest)
+}
+
+/// Holds a folder's tables and manifest for this process; dropping it lets them go.
+pub struct Hold {
+    _lock: File,
+}
+
+impl Hold {
+    /// Waits for who holds them now, and removes what writers have left behind that are dead.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn take(folder: &Path) -> Result<Self> {
+        let failed = |e| Error::io("lock", folder, e);
+        let lock = OpenOptions::new().create(true).append(true).open(folder.join(LOCK)).map_err(failed)?;
+        // (Where there are no locks, files still appear whole.)
+        if lock.lock().is_ok() {
+            for entry in std::fs::read_dir(folder).map_err(failed)?.flatten() {
+                if is_partial(&entry.file_name().to_string_lossy()) {
+                    let _ = std::fs::remove_file(entry.path());
+                }
+            }
+        }
+        Ok(Self { _lock: lock })
+    }
+}
+
+/// Whether a file's name is that of a table or manifest in the making: `NAME.PID.part`.
+fn is_partial(name: &str) -> bool {
+    let Some((file, process)) = name.strip_suffix(".part").and_then(|name| name.rsplit_once('.')) else { return false };
+    let is_known = file == manifest::FILE || schema::TABLES.iter().any(|table| file == format!("{table}.parquet"));
+    is_known && !process.is_empty() && process.bytes().all(|b| b.is_ascii_digit())
+}
+
+/// Whether some process writes to a file of finished jobs.
+pub fn is_held(path: &Path) -> bool {
+    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
