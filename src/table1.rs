@@ -43,14 +43,26 @@ pub struct Group {
 impl Group {
     /// How many of the twelve numbers are the thesis'.
     pub fn matches(&self) -> usize {
-        THESIS
-            .iter()
-            .filter_map(|&(grid, bounds, a, aj)| {
-                let cell = self.cells.get(&(grid.to_owned(), bounds.to_owned()))?;
-                let found = cell.deficiencies.filter(|_| cell.status == "converged")?;
-                Some(usize::from(found.0 == a) + usize::from(found.1 == aj))
-            })
-            .sum()
+        self.count(|cell| cell.deficiencies)
+    }
+
+    /// How many of those that the pattern of active bounds predicts.
+    pub fn predicted_matches(&self) -> usize {
+        self.count(|cell| cell.predicted)
+    }
+
+    /// Cases whose singular values have no clear gap where they are cut, so that another tolerance gives other numbers.
+    pub fn ambiguous(&self) -> usize {
+        self.cells.values().filter(|cell| cell.ambiguous).count()
+    }
+
+    fn count(&self, pair: impl Fn(&Cell) -> Option<(i64, i64)>) -> usize {
+        let of_case = |&(grid, bounds, a, aj): &(&str, &str, i64, i64)| {
+            let cell = self.cells.get(&(grid.to_owned(), bounds.to_owned()))?;
+            let found = pair(cell).filter(|_| cell.status == "converged")?;
+            Some(usize::from(found.0 == a) + usize::from(found.1 == aj))
+        };
+        THESIS.iter().filter_map(of_case).sum()
     }
 }
 

@@ -22,7 +22,7 @@ rm -f data/gallery/*.svg
 for study in table1 arm26 mu_sweep; do
   "$sinew" run "studies/$study.toml" --out "$dir/$study" > /dev/null 2>&1
 done
-figures "$dir/table1" 2 job-2-convergence job-2-singular_values job-2-fibre_velocity job-2-stick_figure_side
+figures "$dir/table1" 5 job-5-convergence job-5-singular_values job-5-fibre_velocity job-5-stick_figure_side
 figures "$dir/arm26" 0 job-0-activation job-0-active_bounds
 figures "$dir/mu_sweep" 600 mean_force_n-over-mu-All_muscles
 figures results/baselines/abduction 0 ratio-over-motion.abduction_offset_deg-teres_major_to_latissimus_dorsi_mean_force

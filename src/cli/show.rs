@@ -155,7 +155,18 @@ fn rank_table(group: &Group) {
         }
         print(&table.trim_fmt());
     }
-    print(&format!("{} of the 12 numbers are the thesis'", group.matches()));
+    print(&format!(
+        "{} of the 12 numbers are the thesis' as counted, {} as predicted from the active bounds",
+        group.matches(),
+        group.predicted_matches()
+    ));
+    if group.ambiguous() > 0 {
+        print(&format!(
+            "ambiguous in {} of {} cases: singular values without a clear gap, so that the count hangs on the tolerance",
+            group.ambiguous(),
+            group.cells.len()
+        ));
+    }
 }
 
 /// What a search over sampled arms found.

@@ -233,6 +233,9 @@ impl MotionSettings {
     }
 }
 
+/// The highest cut-off that [`low_pass`] can have, as a share of the sampling rate.
+pub const HIGHEST_CUTOFF: f64 = 0.38;
+
 /// Second-order Butterworth low-pass, forwards and backwards (so of no lag), on a uniform resampling with the ends
 /// mirrored about their values. Returns the values at `time` unchanged if `cutoff_hz` is 0.
 ///

@@ -110,6 +110,7 @@ impl Study {
         let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
         plan.check_models(&jobs).map_err(fail)?;
         plan.check_girdle(&model, &jobs).map_err(fail)?;
+        plan.check_smoothing(&motion, &jobs).map_err(fail)?;
         check_held_points(&model, &motion, &plan.base, &sources.motion)?;
         let total: usize = plan.sweeps.iter().map(|sweep| sweep.points.len()).sum();
         let (axes, base) = (plan.axes.keys().map(ToString::to_string).collect(), plan.base);

@@ -14,7 +14,7 @@ use super::sweep::{self, Expansion, Place, Point};
 use super::{Job, SCHEMA_VERSION};
 use crate::error::{Issue, Mistakes};
 use crate::model::Model;
-use crate::motion::MotionTable;
+use crate::motion::{HIGHEST_CUTOFF, MotionTable};
 
 /// What a job's id is the hash of.
 #[derive(Serialize)]
@@ -97,6 +97,7 @@ impl<'m> Plan<'m> {
             mistakes.take(plan.set_base(&name, value));
         }
         mistakes.none()?;
+        plan.check_base(file).map_err(|issue| vec![issue])?;
         changed_model(model_table, &plan.base_changes, plan.base.girdle)
             .map_err(|c| vec![complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c)])?;
 
@@ -139,6 +140,34 @@ impl<'m> Plan<'m> {
         self.assign(&mut base, &mut changes, name, &value).map_err(|c| complaint_at(place(), c))?;
         (self.base, self.base_changes) = (base, changes);
         Ok(())
+    }
+
+    /// Refuses two names for one thing in the base, and names that are confirmed and lead to no number of the model.
+    fn check_base(&self, file: &StudyFile) -> std::result::Result<(), Issue> {
+        let flat = flatten(&file.base);
+        let mut owners = Owners::default();
+        for (name, _) in &flat {
+            for target in self.targets(name) {
+                if let Some(other) = owners.insert(&target, name).filter(|other| !self.is_pair(name, other)) {
+                    let message = format!("`{name}` and `{other}` both set {target}");
+                    return Err(sweep::issue(vec!["base".to_owned(), name.clone()], message, "keep one of them"));
+                }
+            }
+        }
+        for (i, name) in file.confirm.iter().enumerate() {
+            let found = change::matching(self.model_table, name).unwrap_or_default();
+            if !found.iter().any(|path| change::number_at(self.model_table, path).is_some()) {
+                let help = "names are those of numbers that the study sets, such as muscle.triceps.tendon_slack_length";
+                let message = format!("`{name}` is no number of the model");
+                return Err(sweep::issue(vec!["confirm".to_owned(), i.to_string()], message, help));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether two names are a number and its factor, which [`Plan::check_overlaps`] has its own words for.
+    fn is_pair(&self, name: &str, other: &str) -> bool {
+        is_model_path(name) && name.trim_end_matches("_scale") == other.trim_end_matches("_scale")
     }
 
     /// Finds what a name stands for, and that it stands for something.
@@ -381,6 +410,17 @@ impl<'m> Plan<'m> {
             before = Some(&job.changes);
         }
         Ok(())
+    }
+
+    /// A filter can only take away what the motion's sampling has.
+    pub fn check_smoothing(&self, motion: &MotionTable, jobs: &[Job]) -> std::result::Result<(), Issue> {
+        let rate = (motion.time.len() - 1) as f64 / motion.duration();
+        let highest = HIGHEST_CUTOFF * rate;
+        let Some(job) = jobs.iter().find(|job| job.settings.smoothing_hz > highest) else { return Ok(()) };
+        let message = format!("{} Hz, and the motion has {rate:.4} instants a second", job.settings.smoothing_hz);
+        let help =
+            format!("a cut-off is at most {HIGHEST_CUTOFF} of that ({highest:.4} Hz); 0 leaves the motion as it is");
+        Err(complaint_at(self.place("smoothing_hz"), Complaint::new(message, help)))
     }
 
     /// A girdle is only that of spatial models.

@@ -7,7 +7,7 @@ use crate::error::Issue;
 /// A study of more jobs than this is taken for a mistake.
 pub const MOST_JOBS: usize = 1_000_000;
 /// Values of all jobs together, of each axis one.
-const MOST_VALUES: usize = 10_000_000;
+const MOST_VALUES: usize = 4_000_000;
 
 /// Refuses a study whose sweeps together have too many jobs, or too many values, before conditions leave any out.
 ///

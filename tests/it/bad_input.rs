@@ -292,6 +292,36 @@ fn mistakes() -> Vec<Mistake> {
             &["times the model's own value", "max_isometric_force_scale", "confirm = ["],
         ),
         study(
+            "a filter above what the sampling has",
+            "[sweep.grid]",
+            "smoothing_hz = 50\n[sweep.grid]",
+            &["smoothing_hz: 50 Hz", "100 instants a second", "38 Hz"],
+        ),
+        study(
+            "one offset in two units",
+            "[sweep.grid]",
+            "\"motion.elbow_angle_offset_deg\" = 1\n\"motion.elbow_angle_offset_rad\" = 1\n[sweep.grid]",
+            &["both set motion.elbow_angle_offset", "keep one of them"],
+        ),
+        study(
+            "one number by a name and by its place",
+            "[sweep.grid]",
+            "\"muscle.2.max_isometric_force\" = 310\n\"muscle.biceps.max_isometric_force\" = 320\n[sweep.grid]",
+            &["both set muscle.biceps.max_isometric_force"],
+        ),
+        study(
+            "a list and a number in it",
+            "[sweep.grid]",
+            "[sweep.grid]\n\"muscle.biceps.path.0.point_scale\" = [1.0, 1.1]\n\"muscle.biceps.path.0.point.0\" = [0.02, 0.03]",
+            &["muscle.biceps.path.0.point_scale", "both set muscle.biceps.path.0.point.0"],
+        ),
+        study(
+            "a name that confirms nothing",
+            "name =",
+            "confirm = [\"muscle.bizeps.max_isometric_force\"]\nname =",
+            &["muscle.bizeps.max_isometric_force", "is no number of the model"],
+        ),
+        study(
             "one number absolute and by a factor",
             "[sweep.grid]",
             "[sweep.grid]\n\"muscle.triceps.max_isometric_force\" = [1200, 1300]\n\"muscle.triceps.max_isometric_force_scale\" = [1, 1.1]",

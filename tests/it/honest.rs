@@ -2,6 +2,7 @@
 
 use sinew::error::SourceFile;
 use sinew::opensim::{Imported, Weight, import};
+use sinew::outcome::Status;
 use sinew::plausibility::KINDS;
 use sinew::skeleton::file::ObstacleEntry;
 use sinew::solve::solve;
@@ -429,7 +430,10 @@ fn val_mesh_errors_are_those_that_refinement_shows() {
             "{model}, h = {h}, {stages} stage(s): effort {:.4}, error {actual:.5}, estimated {estimate:.5}",
             coarse.effort.unwrap()
         );
-        assert!((1.0 / 3.0..3.0).contains(&(estimate / actual)), "{model} {h} {stages}: {estimate} for {actual}");
+        // Within a factor of three, but where there is next to nothing to estimate.
+        let is_small = estimate.abs().max(actual.abs()) < 0.02 * fine.effort.unwrap();
+        let is_near = (1.0 / 3.0..3.0).contains(&(estimate / actual));
+        assert!(is_near || is_small, "{model} {h} {stages}: {estimate} for {actual}");
     }
 }
 
@@ -472,4 +476,57 @@ fn locked_and_dependent_coordinates_are_named() {
     let refused = sinew(&["check", "study.toml"], folder.path());
     assert_eq!(refused.status.code(), Some(2));
     assert!(text(&refused.stderr).contains("`wrist_angle` is locked"), "{}", text(&refused.stderr));
+}
+
+#[test]
+fn limits_of_time_and_memory_hold() {
+    let arm = "name = 's'\nmodel = '{root}/data/models/arm.toml'\nmotion = '{root}/data/motions/arm_curl.csv'\n[base]\nregularity = 'off'\n";
+    let solved = |more: &str| {
+        let folder = folder(&[("study.toml", &format!("{arm}{more}"))]);
+        let (_, study) = study(&folder);
+        let job = &study.jobs[0];
+        let outcome = solve(&study.model, &study.motion, &job.settings, job.points);
+        (
+            outcome.job.status,
+            outcome.job.error.unwrap_or_default(),
+            outcome.job.remark.unwrap_or_default(),
+            outcome.job.n_starts,
+        )
+    };
+    // What takes too much memory is not begun.
+    for large in ["h = 0.00001", "h = 0.001\nmeasurement_ratio = 1000", "h = 0.02\nmemory_limit_mb = 25"] {
+        let (status, error, ..) = solved(large);
+        assert!(status == Status::Invalid && error.contains("MB, more than memory_limit_mb ="), "{large}: {error}");
+    }
+    assert_eq!(solved("h = 0.02\nmemory_limit_mb = 200\nmax_iterations = 1").0, Status::IterationLimit);
+    // As many starts as the time is enough for, and said so; the limit ends what comes before the first, too.
+    let (_, _, remark, made) = solved("h = 0.1\nstarts = 100000\ntime_limit_s = 0.3");
+    let made = made.unwrap();
+    assert!((1..100_000).contains(&made) && remark.contains(&format!("{made} of 100000 starts were made")), "{remark}");
+    for slow in ["h = 0.005\nmeasurement_ratio = 100", "h = 0.001"] {
+        let (status, error, ..) = solved(&format!("{slow}\ntime_limit_s = 0.001"));
+        assert!(status == Status::TimeLimit && error.contains("raise time_limit_s"), "{slow}: {error}");
+    }
+}
+
+#[test]
+fn a_planar_loop_refuses_a_motion_that_it_cannot_make() {
+    // The knee stands still, which a turning crank does not allow.
+    let turn = std::fs::read_to_string(root().join("data/motions/pedal_turn.csv")).unwrap();
+    let line = |line: &str| match line.starts_with("time") {
+        true => format!("{line},knee_angle_deg\n"),
+        false => format!("{line},-60.0\n"),
+    };
+    let still: String = turn.lines().filter(|line| !line.starts_with('#')).map(line).collect();
+    let text = "name = 's'\nmodel = '{root}/data/models/pedal.toml'\nmotion = 'still.csv'\n[base]\nh = 0.1\nregularity = 'off'\nmu = 0.1\n";
+    let folder = folder(&[("study.toml", text), ("still.csv", &still)]);
+    let refused = sinew::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
+    let said = format!("{:?}", miette::Report::new(refused));
+    assert!(said.contains("the joints cannot make this motion") && said.contains("close"), "{said}");
+    // The shipped motion closes the loop.
+    let moved =
+        super::support::folder(&[("study.toml", &text.replace("still.csv", "{root}/data/motions/pedal_turn.csv"))]);
+    let (_, study) = super::support::study(&moved);
+    let job = &study.jobs[0];
+    assert_eq!(solve(&study.model, &study.motion, &job.settings, job.points).job.status, Status::Converged);
 }

@@ -146,7 +146,7 @@ fn every_case_of_table_1_converges_without_ringing() {
                         .windows(4)
                         .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs() / 8.0)
                         .fold(0.0, f64::max);
-                    assert!(!reactions.is_empty() && zigzag < 0.15 * largest, "{case}: {zigzag} of {largest}");
+                    assert!(!reactions.is_empty() && zigzag < 0.2 * largest, "{case}: {zigzag} of {largest}");
                 }
             }
         }

@@ -401,3 +401,46 @@ fn merging_needs_no_solver_and_shards_cover_a_study_once() {
     let (_, collected) = collect::merge(&out).unwrap();
     assert_eq!((collected.finished(), collected.failed(), collected.jobs), (36, 36, 36));
 }
+
+#[test]
+fn more_shards_are_merged_than_files_may_be_open() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let at = folder.path();
+    assert!(sinew(&["run", "study.toml", "--out", "whole"], at).status.success());
+    std::fs::create_dir(at.join("many")).unwrap();
+    std::fs::copy(at.join("whole/manifest.json"), at.join("many/manifest.json")).unwrap();
+    let lines = std::fs::read_to_string(at.join("whole/finished.jsonl")).unwrap();
+    const SHARDS: usize = 300;
+    for shard in 0..SHARDS {
+        let line = lines.lines().nth(shard).map_or(String::new(), |line| format!("{line}\n"));
+        std::fs::write(at.join(format!("many/finished.{shard}-of-{SHARDS}.jsonl")), line).unwrap();
+    }
+    let merge = Command::new("sh")
+        .args(["-c", "ulimit -n 64; exec \"$0\" merge many", env!("CARGO_BIN_EXE_sinew")])
+        .current_dir(at)
+        .output()
+        .unwrap();
+    assert_eq!(merge.status.code(), Some(0), "{}", text(&merge.stderr));
+    assert!(tables(&at.join("many")) == tables(&at.join("whole")));
+}
+
+#[test]
+fn a_line_of_absurd_length_is_damage() {
+    let folder = folder(&[("study.toml", SMALL)]);
+    let at = folder.path();
+    assert!(sinew(&["run", "study.toml", "--out", "out"], at).status.success());
+    let store = at.join("out/finished.jsonl");
+    let whole = std::fs::read_to_string(&store).unwrap();
+    let before = tables(&at.join("out"));
+    let length = whole.split("\"length\":").nth(1).unwrap().split(',').next().unwrap();
+    for absurd in
+        ["18446744073709551615", "18446744073709551600", "9223372036854775807", "99999999999999999999999", "-1"]
+    {
+        std::fs::write(&store, whole.replacen(&format!("\"length\":{length}"), &format!("\"length\":{absurd}"), 1))
+            .unwrap();
+        let status = sinew(&["status", "out"], at);
+        assert!(text(&status.stdout).contains("1 damaged line(s)"), "{absurd}: {}", text(&status.stdout));
+        let run = sinew(&["run", "study.toml", "--out", "out"], at);
+        assert!(run.status.success() && tables(&at.join("out")) == before, "{absurd}: {}", text(&run.stderr));
+    }
+}

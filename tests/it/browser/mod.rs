@@ -297,6 +297,7 @@ fn names_are_text_wherever_they_appear() {
     let (out, page) = (folder.path().join("out"), folder.path().join("evil.html"));
     report(&out, &page);
     let ask = Ask {
+        sort: Some("objective".to_owned()),
         hover: Some(
             "mean_force_n-over-muscle._img_src_x_onerror_alert_1_.max_isometric_force_scale-All_muscles".to_owned(),
         ),
