@@ -40,26 +40,28 @@ impl Size {
         }
     }
 
-    /// Bytes while the problem is put together.
-    pub fn transcribing(self) -> f64 {
-        PROGRAM + self.points + ROW_IN_MAKING * self.rows
+    /// # Errors
+    /// Why the problem is not put together.
+    pub fn check_transcribing(self, settings: &Settings) -> Result<(), String> {
+        check(PROGRAM + self.points + ROW_IN_MAKING * self.rows, settings)
     }
 
-    /// Bytes while it is solved, with factors of so many bytes.
-    pub fn solving(self, factors: usize, variables: usize, settings: &Settings) -> f64 {
+    /// # Errors
+    /// Why a problem of so many variables with factors of so many bytes is not solved.
+    pub fn check_solving(self, factors: usize, variables: usize, settings: &Settings) -> Result<(), String> {
         let kept = FACTORS + if settings.regularity == RegularityMode::Off { 0.0 } else { RANKS };
         let trace = 8.0 * (variables * settings.max_iterations.min(ITERATIONS)) as f64;
-        PROGRAM + self.points + ROW * self.rows + kept * factors as f64 + trace
+        check(PROGRAM + self.points + ROW * self.rows + kept * factors as f64 + trace, settings)
     }
 }
 
-/// Why so many bytes are too many.
-pub fn refused(bytes: f64, settings: &Settings) -> Option<String> {
+fn check(bytes: f64, settings: &Settings) -> Result<(), String> {
     let (needed, limit) = (bytes / 1e6, settings.memory_limit_mb);
-    (needed > limit).then(|| {
-        format!(
-            "the problem takes about {needed:.0} MB, more than memory_limit_mb = {limit}; a larger h, fewer stages or a \
-             smaller measurement_ratio make it smaller, or raise the limit"
-        )
-    })
+    if needed <= limit {
+        return Ok(());
+    }
+    Err(format!(
+        "the problem takes about {needed:.0} MB, more than memory_limit_mb = {limit}; a larger h, fewer stages or a smaller \
+         measurement_ratio make it smaller, or raise the limit"
+    ))
 }

@@ -66,54 +66,57 @@ fn solve_timed(
     before: Option<&Answer>,
     clock: Clock,
 ) -> (Outcome, Option<Answer>) {
-    let motion = plausibility::of_motion(table, model, settings);
-    // A motion in another unit may be why.
-    let failed = |status, reason: &str| {
-        let mut outcome = Outcome::failed(status, reason);
-        warn(&mut outcome, motion.clone(), model, settings);
-        (outcome, None)
-    };
+    let (mut outcome, answer) = solved(model, table, settings, points, before, clock)
+        .unwrap_or_else(|(status, reason)| (Outcome::failed(status, reason), None));
+    // A motion in another unit may be why a job failed.
+    warn(&mut outcome, plausibility::of_motion(table, model, settings), model, settings);
+    (outcome, answer)
+}
+
+/// Why a job has no result.
+type Failure = (Status, String);
+
+fn solved(
+    model: &Model,
+    table: &MotionTable,
+    settings: &Settings,
+    points: usize,
+    before: Option<&Answer>,
+    clock: Clock,
+) -> Result<(Outcome, Option<Answer>), Failure> {
     let deadline = Deadline::after(clock, settings.time_limit_s);
     let size = memory::Size::of(&instant_of(model, settings), settings, points);
-    if let Some(reason) = memory::refused(size.transcribing(), settings) {
-        return failed(Status::Invalid, &reason);
-    }
-    let measurement = match motion_settings(settings).measure(table, model, points, deadline) {
-        Ok(measurement) => measurement,
-        Err(late @ Unmeasured::Late) => return failed(Status::TimeLimit, &late.to_string()),
-        Err(open) => return failed(Status::Infeasible, &open.to_string()),
-    };
+    size.check_transcribing(settings).map_err(|reason| (Status::Invalid, reason))?;
+    let measurement = measured(model, table, settings, points, deadline)?;
     let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
     let instant = instant.within(Arc::new(motion_settings(settings).surroundings(table, model)));
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
+    in_time(deadline)?;
     let sqp_settings = SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() };
-    let solved = Clock::now();
+    let begun = Clock::now();
     let coarse = coarser(model, table, settings, points, clock);
     // The start by inverse dynamics gives way to a better one.
     let warm = before.or(coarse.as_ref()).map(|answer| answer.start(&problem, scheme.as_ref()));
     let guess = || start_guess(&instant, scheme.as_ref(), points, &measurement, deadline);
     let (is_warm, is_alone) = (warm.is_some(), warm.is_some() && settings.starts == 1);
     let first = if is_alone { None } else { guess() };
+    in_time(deadline)?;
     if first.is_none() && !is_alone {
-        return match deadline.passed() {
-            true => failed(Status::TimeLimit, &Unmeasured::Late.to_string()),
-            false => failed(Status::NonFinite, "the start guess by inverse dynamics is not finite"),
-        };
+        return Err((Status::NonFinite, "the start guess by inverse dynamics is not finite".to_owned()));
     }
     let disturbed = |guess: &[f64], k| disturb(guess, scheme.as_ref(), model, settings.seed, settings.first_start + k);
     let rest = (usize::from(is_warm)..settings.starts).filter_map(|k| Some(Start::from(disturbed(first.as_ref()?, k))));
     let mut kkt = Kkt::new(&problem);
-    if let Some(reason) = memory::refused(size.solving(kkt.bytes(), problem.variables(), settings), settings) {
-        return failed(Status::Invalid, &reason);
-    }
+    size.check_solving(kkt.bytes(), problem.variables(), settings).map_err(|reason| (Status::Invalid, reason))?;
+    in_time(deadline)?;
     // A warm start that leads nowhere gives way to the one by inverse dynamics.
     let cold = || guess().map(|guess| disturbed(&guess, 0));
     let starts = warm.into_iter().chain(rest);
     let runs = solve_all(&mut kkt, &problem, starts, is_warm.then_some(&cold as &dyn Fn() -> _), sqp_settings);
-    let solve_s = solved.elapsed().as_secs_f64();
+    let solve_s = begun.elapsed().as_secs_f64();
     let run = &runs.best;
     if run.status == SqpStatus::NonFinite {
-        return failed(Status::NonFinite, "a function or derivative is not finite along the way");
+        return Err((Status::NonFinite, "a function or derivative is not finite along the way".to_owned()));
     }
 
     let ranked = Clock::now();
@@ -121,14 +124,31 @@ fn solve_timed(
     let mut outcome = analyse(&context, &mut kkt, &runs);
     outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
-    warn(&mut outcome, motion, model, settings);
-    if runs.made < settings.starts {
-        let word = format!("{} of {} starts were made before the time limit", runs.made, settings.starts);
-        let remark = &mut outcome.job.remark;
-        *remark = Some(remark.take().map_or(word.clone(), |remark| format!("{word}; {remark}")));
-    }
+    outcome.job.remark = (runs.made < settings.starts)
+        .then(|| format!("{} of {} starts were made before the time limit", runs.made, settings.starts));
     let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
-    (outcome, answer)
+    Ok((outcome, answer))
+}
+
+fn measured(
+    model: &Model,
+    table: &MotionTable,
+    settings: &Settings,
+    points: usize,
+    deadline: Deadline,
+) -> Result<Measurement, Failure> {
+    motion_settings(settings).measure(table, model, points, deadline).map_err(|why| match why {
+        Unmeasured::Late => late(),
+        open => (Status::Infeasible, open.to_string()),
+    })
+}
+
+fn late() -> Failure {
+    (Status::TimeLimit, Unmeasured::Late.to_string())
+}
+
+fn in_time(deadline: Deadline) -> Result<(), Failure> {
+    if deadline.passed() { Err(late()) } else { Ok(()) }
 }
 
 /// Solves from each start, as far as the time reaches; if none converges, from the one in reserve.
@@ -155,14 +175,17 @@ fn solve_all(
     runs
 }
 
-/// Adds the warnings, on the motion and on the answer.
+/// Adds the warnings, on the motion and on the answer, after what is remarked already.
 fn warn(outcome: &mut Outcome, motion: Option<Warning>, model: &Model, settings: &Settings) {
     let mut warnings = Vec::from_iter(motion);
     let found = plausibility::of_answer(&outcome.job, &outcome.muscles, model, settings);
     // What keeps a job from converging may show in its fibres; the rest is no answer.
     let is_telling = |warning: &Warning| ["passive", "fibre_length"].contains(&warning.code);
     warnings.extend(found.into_iter().filter(|w| outcome.job.status == Status::Converged || is_telling(w)));
-    (outcome.job.warnings, outcome.job.remark) = plausibility::said(&warnings);
+    let (codes, words) = plausibility::said(&warnings);
+    outcome.job.warnings = codes;
+    let remarks: Vec<String> = outcome.job.remark.take().into_iter().chain(words).collect();
+    outcome.job.remark = (!remarks.is_empty()).then(|| remarks.join("; "));
 }
 
 /// How the motion is measured for a job with these settings.

@@ -44,6 +44,10 @@ pub enum QpFailure {
 impl QuadraticProgramme<'_> {
     /// Solves by an interior-point method, one thread.
     pub fn solve(&self) -> Result<QpSolution, QpFailure> {
+        // Clarabel factorises before it looks at the clock.
+        if self.deadline.passed() {
+            return Err(QpFailure::Numerical);
+        }
         let n = self.hessian.columns;
         let (me, mi) = (self.equalities.rows, self.inequalities.rows);
         // Stack [A; −B], column by column.
