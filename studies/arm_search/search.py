@@ -66,7 +66,8 @@ def solved(sinew, folder, arms):
             rank = ranks.get(job["job_id"], {}).get(name)
             off = 9 if rank is None else abs(rank - number)
             one[1 + k // 2] += off == 0
-            one[0] += (off == 0) - 0.1 * min(off, 9)
+            # What the active bounds predict comes first: the counted numbers follow by small steps.
+            one[0] += (1 + k // 2) * ((off == 0) - 0.1 * min(off, 9))
     return found
 
 
