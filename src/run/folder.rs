@@ -74,10 +74,11 @@ impl Hold {
     }
 }
 
-/// Whether a file's name is that of a table or manifest in the making: `NAME.PID.part`.
+/// Whether a file's name is that of a table, manifest or report in the making: `NAME.PID.part`.
 fn is_partial(name: &str) -> bool {
     let Some((file, process)) = name.strip_suffix(".part").and_then(|name| name.rsplit_once('.')) else { return false };
-    let is_known = file == manifest::FILE || schema::TABLES.iter().any(|table| file == format!("{table}.parquet"));
+    let is_known = [manifest::FILE, "report.html"].contains(&file)
+        || schema::TABLES.iter().any(|table| file == format!("{table}.parquet"));
     is_known && !process.is_empty() && process.bytes().all(|b| b.is_ascii_digit())
 }
 

@@ -53,3 +53,13 @@ fn dependencies_point_one_way() {
         }
     }
 }
+
+#[test]
+fn one_place_prints() {
+    for (path, text) in sources(&super::support::root().join("src")) {
+        let text = text.split("#[cfg(test)]").next().unwrap();
+        // The build script talks to cargo by printing.
+        let may = ["terminal.rs", "build.rs"].iter().any(|name| path.ends_with(name)) || path.ends_with(".js");
+        assert!(may || !text.contains("println!("), "{path} prints");
+    }
+}
