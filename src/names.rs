@@ -19,10 +19,11 @@ pub fn flaw(name: &str) -> Option<String> {
         .then(|| format!("it begins with `{}`, which spreadsheets take for a formula", &name[..1]))
 }
 
-/// A name as a message shows it: its beginning, if it is very long.
+/// A name as a message shows it: on one line, and its beginning if it is very long.
 pub fn shown(name: &str) -> String {
+    let name = name.replace('\n', "␊").replace('\t', "␉");
     match name.char_indices().nth(LONGEST / 4) {
-        None => name.to_owned(),
+        None => name,
         Some((end, _)) => format!("{}…", &name[..end]),
     }
 }
@@ -41,5 +42,6 @@ mod tests {
             assert!(flaw(bad).is_some(), "{bad}");
         }
         assert_eq!(shown(&long).chars().count(), 51);
+        assert_eq!(shown("a\nb"), "a␊b");
     }
 }
