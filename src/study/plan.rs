@@ -414,12 +414,13 @@ impl<'m> Plan<'m> {
 
     /// A filter can only take away what the motion's sampling has.
     pub fn check_smoothing(&self, motion: &MotionTable, jobs: &[Job]) -> std::result::Result<(), Issue> {
-        let rate = (motion.time.len() - 1) as f64 / motion.duration();
-        let highest = HIGHEST_CUTOFF * rate;
+        let rounded = |hz: f64| (1e3 * hz).round() / 1e3;
+        let rate = rounded((motion.time.len() - 1) as f64 / motion.duration());
+        let highest = rounded(HIGHEST_CUTOFF * rate);
         let Some(job) = jobs.iter().find(|job| job.settings.smoothing_hz > highest) else { return Ok(()) };
-        let message = format!("{} Hz, and the motion has {rate:.4} instants a second", job.settings.smoothing_hz);
+        let message = format!("{} Hz, and the motion has {rate} instants a second", job.settings.smoothing_hz);
         let help =
-            format!("a cut-off is at most {HIGHEST_CUTOFF} of that ({highest:.4} Hz); 0 leaves the motion as it is");
+            format!("a cut-off is at most {HIGHEST_CUTOFF} of that ({highest} Hz); 0 leaves the motion as it is");
         Err(complaint_at(self.place("smoothing_hz"), Complaint::new(message, help)))
     }
 
