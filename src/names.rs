@@ -15,8 +15,12 @@ pub fn flaw(name: &str) -> Option<String> {
     if crate::terminal::visible(name) != name || name.contains(['\n', '\t']) {
         return Some("it has a line break or another control character".to_owned());
     }
-    name.starts_with(['=', '+', '-', '@'])
-        .then(|| format!("it begins with `{}`, which spreadsheets take for a formula", &name[..1]))
+    is_formula(name).then(|| format!("it begins with `{}`, which spreadsheets take for a formula", &name[..1]))
+}
+
+/// Whether spreadsheets take a cell with this text for a formula.
+pub fn is_formula(text: &str) -> bool {
+    text.starts_with(['=', '+', '-', '@', '\t', '\r'])
 }
 
 /// A name as a message shows it: on one line, and its beginning if it is very long.

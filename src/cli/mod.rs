@@ -20,6 +20,7 @@ use clap::{Parser, Subcommand};
 
 use crate::error::{Error, Result};
 use crate::files::write_whole;
+use crate::names::is_formula;
 use crate::run::{RunOptions, Shard};
 use crate::tables::{Table, Writer};
 use crate::terminal::{self, note, print};
@@ -326,7 +327,7 @@ fn write_table<'p>(table: &Table, metadata: Vec<(String, String)>, out: Option<&
 /// A cell that spreadsheets do not take for a formula.
 fn no_formula(cell: String) -> String {
     let is_text = cell.parse::<f64>().is_err();
-    if is_text && cell.starts_with(['=', '+', '-', '@', '\t', '\r']) { format!("'{cell}") } else { cell }
+    if is_text && is_formula(&cell) { format!("'{cell}") } else { cell }
 }
 
 fn csv(table: &Table) -> Result<String> {

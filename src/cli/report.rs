@@ -1,5 +1,6 @@
 //! `sinew report`: a results folder as one page, and its figures as files.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::{GOOD, print};
@@ -12,10 +13,14 @@ const FIGURES: &str = "figures";
 
 /// Refuses to write over a page that is none of Sinew's.
 fn is_replaceable(out: &Path) -> Result<()> {
-    let Ok(there) = std::fs::read(out) else { return Ok(()) };
-    let begin = &there[..there.len().min(4096)];
+    let mut begin = Vec::new();
+    // A pipe or a device holds nobody's page, and reading one would wait.
+    if out.is_file() {
+        let read = std::fs::File::open(out).and_then(|file| file.take(4096).read_to_end(&mut begin));
+        read.map_err(|e| Error::io("read", out, e))?;
+    }
     let is_own = |mark: &[u8]| begin.windows(mark.len()).any(|window| window == mark);
-    if there.is_empty() || is_own(b"content=\"Sinew\"") || is_own(b" \xe2\x80\x93 Sinew</title>") {
+    if begin.is_empty() || is_own(b"content=\"Sinew\"") || is_own(b" \xe2\x80\x93 Sinew</title>") {
         return Ok(());
     }
     Err(Error::table("write over", out, "it is no report of Sinew; choose another --out, or move it away"))

@@ -96,10 +96,9 @@ pub fn slurm(arguments: &Arguments) -> Result<u8> {
 
     let sinew = std::env::current_exe().map_err(io("find", Path::new("sinew")))?;
     check_path(&sinew)?;
-    let write = |path: &Path, text: String| write_whole(path, text);
-    write(&array, array_script(arguments, &study, &out, &sinew, shards))?;
-    write(&merge, merge_script(arguments, &study, &out, &sinew))?;
-    write(&folder.join("shards"), format!("{shards}\n"))?;
+    write_whole(&array, array_script(arguments, &study, &out, &sinew, shards))?;
+    write_whole(&merge, merge_script(arguments, &study, &out, &sinew))?;
+    write_whole(&folder.join("shards"), format!("{shards}\n"))?;
     print(&format!(
         "{}: {} job(s) in {shards} shard(s), scripts in {}",
         study.name,

@@ -93,11 +93,12 @@ impl<'m> Plan<'m> {
             confirmed: &file.confirm,
             model_table,
         };
-        for (name, value) in flatten(&file.base) {
-            mistakes.take(plan.set_base(&name, value));
+        let base = flatten(&file.base);
+        for (name, value) in &base {
+            mistakes.take(plan.set_base(name, value.clone()));
         }
         mistakes.none()?;
-        plan.check_base(file).map_err(|issue| vec![issue])?;
+        plan.check_base(&base).map_err(|issue| vec![issue])?;
         changed_model(model_table, &plan.base_changes, plan.base.girdle)
             .map_err(|c| vec![complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c)])?;
 
@@ -143,10 +144,9 @@ impl<'m> Plan<'m> {
     }
 
     /// Refuses two names for one thing in the base, and names that are confirmed and lead to no number of the model.
-    fn check_base(&self, file: &StudyFile) -> std::result::Result<(), Issue> {
-        let flat = flatten(&file.base);
+    fn check_base(&self, base: &[(String, Option<Value>)]) -> std::result::Result<(), Issue> {
         let mut owners = Owners::default();
-        for (name, _) in &flat {
+        for (name, _) in base {
             for target in self.targets(name) {
                 if let Some(other) = owners.insert(&target, name).filter(|other| !self.is_pair(name, other)) {
                     let message = format!("`{name}` and `{other}` both set {target}");
@@ -154,7 +154,7 @@ impl<'m> Plan<'m> {
                 }
             }
         }
-        for (i, name) in file.confirm.iter().enumerate() {
+        for (i, name) in self.confirmed.iter().enumerate() {
             let found = change::matching(self.model_table, name).unwrap_or_default();
             if !found.iter().any(|path| change::number_at(self.model_table, path).is_some()) {
                 let help = "names are those of numbers that the study sets, such as muscle.triceps.tendon_slack_length";

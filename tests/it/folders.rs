@@ -137,6 +137,13 @@ fn a_page_of_somebody_else_stays() {
     std::fs::write(at.join("home.html"), "<html><title>My page</title></html>").unwrap();
     let answer = sinew(&["report", "out", "--out", "home.html"], at);
     assert_eq!(answer.status.code(), Some(2), "{}", text(&answer.stderr));
+    // Into a pipe, which is not read before it is written.
+    let piped = std::process::Command::new("timeout")
+        .args(["20", "sh", "-c", "\"$0\" report out --out /dev/stdout | head -c 15", env!("CARGO_BIN_EXE_sinew")])
+        .current_dir(at)
+        .output()
+        .unwrap();
+    assert!(piped.status.success() && text(&piped.stdout) == "<!DOCTYPE html>", "{}", text(&piped.stdout));
     for _ in 0..2 {
         assert!(sinew(&["report", "out"], at).status.success(), "one's own is written again");
     }
