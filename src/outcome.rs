@@ -70,6 +70,41 @@ pub struct Outcome {
     pub sensitivities: Vec<SensitivityRow>,
     pub optima: Vec<OptimumRow>,
     pub trajectories: Vec<TrajectoryRow>,
+    /// Where a converged solve ended. In no table: kept so that ranks and trajectories can be added later.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub solution: Option<SolutionPoint>,
+}
+
+/// The decision vector and the multipliers of a converged solve, in the scaled units of the transcription.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolutionPoint {
+    #[serde(with = "base64_doubles")]
+    pub x: Vec<f64>,
+    #[serde(with = "base64_doubles")]
+    pub equality_multipliers: Vec<f64>,
+    #[serde(with = "base64_doubles")]
+    pub inequality_multipliers: Vec<f64>,
+}
+
+/// Numbers as the base64 text of their little-endian bytes: exact, and half as long as decimal digits.
+mod base64_doubles {
+    use base64::Engine;
+    use base64::engine::general_purpose::STANDARD;
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        serializer.serialize_str(&STANDARD.encode(bytes))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+        let bytes = STANDARD.decode(String::deserialize(deserializer)?).map_err(D::Error::custom)?;
+        let (numbers, rest) = bytes.as_chunks::<8>();
+        if !rest.is_empty() {
+            return Err(D::Error::custom("not a whole number of doubles"));
+        }
+        Ok(numbers.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
+    }
 }
 
 /// The job's row in `jobs.parquet`, its id and swept values apart.
@@ -164,6 +199,29 @@ impl JobRow {
 impl Outcome {
     pub fn failed(status: Status, error: impl Into<String>) -> Self {
         Self { job: JobRow::failed(status, error.into()), ..Self::default() }
+    }
+
+    /// Takes over what `other`, the analysis of the same solution, says about ranks and about how the answer may move.
+    pub fn replace_ranks(&mut self, other: &Self) {
+        self.regularity.clone_from(&other.regularity);
+        self.spectrum.clone_from(&other.spectrum);
+        self.sensitivities.clone_from(&other.sensitivities);
+        self.muscles.clone_from(&other.muscles);
+        self.job.rank_s = other.job.rank_s;
+        let known = other.regularity.as_ref().map(|row| (row.a.deficiency, row.aj.deficiency));
+        for row in &mut self.iterations {
+            (row.deficiency_a, row.deficiency_aj) = (None, None);
+        }
+        if let Some(last) = self.iterations.last_mut() {
+            (last.deficiency_a, last.deficiency_aj) = known.unzip();
+        }
+        if known.is_none() {
+            for row in &mut self.optima {
+                (row.deficiency_a, row.deficiency_aj) = (None, None);
+            }
+        } else if let Some(lowest) = self.optima.first_mut() {
+            (lowest.deficiency_a, lowest.deficiency_aj) = known.unzip();
+        }
     }
 }
 

@@ -12,10 +12,12 @@ use crate::guess::start_guess;
 use crate::memory;
 use crate::model::Model;
 use crate::motion::{Measurement, MotionSettings, MotionTable, Unmeasured};
+use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
+use crate::nlp::polish::active;
 use crate::nlp::problem::Problem;
 use crate::nlp::sqp::{self, SqpOutcome, SqpSettings, SqpStatus, Start};
-use crate::outcome::{Outcome, Status};
+use crate::outcome::{Outcome, SolutionPoint, Status};
 use crate::plausibility::{self, Warning};
 use crate::study::settings::{Initial, LoadSharingGrid, RegularityMode, Scheme, Settings, WarmStart};
 use crate::transcription::collocation::{Collocation, Combination};
@@ -29,74 +31,117 @@ use crate::warm::Answer;
 /// Meshes of fewer intervals are not halved any more.
 const COARSE_INTERVALS: usize = 10;
 
-/// Solves one job on `points` collocation points.
-pub fn solve(model: &Model, table: &MotionTable, settings: &Settings, points: usize) -> Outcome {
-    solve_from(model, table, settings, points, None).0
+/// A job to solve: the model with the job's changes made, the motion, the settings, and the number of collocation points.
+#[derive(Clone, Copy)]
+pub struct Task<'a> {
+    pub model: &'a Model,
+    pub motion: &'a MotionTable,
+    pub settings: &'a Settings,
+    pub points: usize,
 }
 
-/// [`solve`], started from the answer of another job; and what one may start from this. None where it has not converged.
-pub fn solve_from(
-    model: &Model,
-    table: &MotionTable,
-    settings: &Settings,
-    points: usize,
-    before: Option<&Answer>,
-) -> (Outcome, Option<Answer>) {
+/// What a solve begins from.
+#[derive(Clone, Copy)]
+enum Begin<'a> {
+    /// The start guess by inverse dynamics, or the solution on a coarser mesh where the settings ask for it.
+    Guess,
+    /// The solution of another job.
+    Answer(&'a Answer),
+    /// The solution of this very problem.
+    Solution(&'a SolutionPoint),
+}
+
+/// Solves one job on `points` collocation points.
+pub fn solve(model: &Model, motion: &MotionTable, settings: &Settings, points: usize) -> Outcome {
+    solve_from(Task { model, motion, settings, points }, None).0
+}
+
+/// Solves one job, from the answer of another one if there is one. Returns the outcome and, if it has converged, the
+/// answer that further jobs may start from.
+pub fn solve_from(task: Task<'_>, before: Option<&Answer>) -> (Outcome, Option<Answer>) {
     let clock = Clock::now();
-    let (mut outcome, answer) = solve_timed(model, table, settings, points, before, clock);
+    let (mut outcome, answer) = attempt(task, before.map_or(Begin::Guess, Begin::Answer), clock);
     outcome.job.wall_s = Some(clock.elapsed().as_secs_f64());
     (outcome, answer)
 }
 
-/// The answer on a mesh of half as many intervals, with a start of its own from half of those; none where that cannot be.
-fn coarser(model: &Model, table: &MotionTable, settings: &Settings, points: usize, clock: Clock) -> Option<Answer> {
-    let intervals = points - 1;
-    if settings.warm_start != WarmStart::Mesh || intervals % 2 == 1 || intervals / 2 < COARSE_INTERVALS {
+/// Adds what `task` asks for beyond `solved`, the outcome of the same job with another `regularity` (`had`) or
+/// `trajectories`, without solving again. `None` where that needs another solve.
+pub fn complete(task: Task<'_>, had: RegularityMode, solved: &Outcome) -> Option<Outcome> {
+    if !is_completable(had, task.settings) {
         return None;
     }
-    let settings = Settings { starts: 1, regularity: RegularityMode::Off, trajectories: false, ..settings.clone() };
-    solve_timed(model, table, &settings, intervals / 2 + 1, None, clock).1
+    let wanted = task.settings.regularity;
+    let is_new = wanted != had;
+    let clock = Clock::now();
+    let mut outcome = solved.clone();
+    outcome.trajectories.clear();
+    if is_new || task.settings.trajectories {
+        let regularity = if is_new { wanted } else { RegularityMode::Off };
+        let settings = Settings { regularity, starts: 1, ..task.settings.clone() };
+        let (again, _) =
+            attempt(Task { settings: &settings, ..task }, Begin::Solution(solved.solution.as_ref()?), clock);
+        if again.job.status != Status::Converged || again.job.iterations != Some(0) {
+            return None;
+        }
+        if is_new {
+            outcome.replace_ranks(&again);
+        }
+        outcome.trajectories = again.trajectories;
+    }
+    outcome.job.wall_s = Some(solved.job.wall_s.unwrap_or(0.0) + clock.elapsed().as_secs_f64());
+    Some(outcome)
 }
 
-fn solve_timed(
-    model: &Model,
-    table: &MotionTable,
-    settings: &Settings,
-    points: usize,
-    before: Option<&Answer>,
-    clock: Clock,
-) -> (Outcome, Option<Answer>) {
-    let (mut outcome, answer) = solved(model, table, settings, points, before, clock)
-        .unwrap_or_else(|(status, reason)| (Outcome::failed(status, reason), None));
-    // A motion in another unit may be why a job failed.
-    warn(&mut outcome, plausibility::of_motion(table, model, settings), model, settings);
+/// Whether [`complete`] can turn an outcome with the regularity `had` into what `settings` ask for. Ranks at every
+/// iteration need all iterates, and ranks at several optima all of these; only the best solution is kept.
+pub fn is_completable(had: RegularityMode, settings: &Settings) -> bool {
+    let wanted = settings.regularity;
+    let has_all = had != RegularityMode::Off || settings.starts == 1;
+    wanted == had || (wanted != RegularityMode::EveryIteration && (wanted == RegularityMode::Off || has_all))
+}
+
+/// The answer on a mesh of half as many intervals, itself started from half of those; `None` where the mesh cannot be
+/// halved.
+fn coarser(task: Task<'_>, clock: Clock) -> Option<Answer> {
+    let intervals = task.points - 1;
+    if task.settings.warm_start != WarmStart::Mesh || intervals % 2 == 1 || intervals / 2 < COARSE_INTERVALS {
+        return None;
+    }
+    let settings =
+        Settings { starts: 1, regularity: RegularityMode::Off, trajectories: false, ..task.settings.clone() };
+    attempt(Task { settings: &settings, points: intervals / 2 + 1, ..task }, Begin::Guess, clock).1
+}
+
+fn attempt(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> (Outcome, Option<Answer>) {
+    let (mut outcome, answer) =
+        solved(task, begin, clock).unwrap_or_else(|(status, reason)| (Outcome::failed(status, reason), None));
+    // A motion in the wrong unit may be why a job failed.
+    let motion = plausibility::of_motion(task.motion, task.model, task.settings);
+    warn(&mut outcome, motion, task.model, task.settings);
     (outcome, answer)
 }
 
 /// Why a job has no result.
 type Failure = (Status, String);
 
-fn solved(
-    model: &Model,
-    table: &MotionTable,
-    settings: &Settings,
-    points: usize,
-    before: Option<&Answer>,
-    clock: Clock,
-) -> Result<(Outcome, Option<Answer>), Failure> {
+fn solved(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> Result<(Outcome, Option<Answer>), Failure> {
+    let Task { model, motion, settings, points } = task;
     let deadline = Deadline::after(clock, settings.time_limit_s);
     let size = memory::Size::of(&instant_of(model, settings), settings, points);
     size.check_transcribing(settings).map_err(|reason| (Status::Invalid, reason))?;
-    let measurement = measured(model, table, settings, points, deadline)?;
-    let (instant, scheme) = discretise(model, settings, points, table.duration() * settings.time_scale);
-    let instant = instant.within(Arc::new(motion_settings(settings).surroundings(table, model)));
+    let measurement = measured(task, deadline)?;
+    let (instant, scheme) = discretise(model, settings, points, motion.duration() * settings.time_scale);
+    let instant = instant.within(Arc::new(motion_settings(settings).surroundings(motion, model)));
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
     in_time(deadline)?;
     let sqp_settings = SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() };
     let begun = Clock::now();
-    let coarse = coarser(model, table, settings, points, clock);
-    // The start by inverse dynamics gives way to a better one.
-    let warm = before.or(coarse.as_ref()).map(|answer| answer.start(&problem, scheme.as_ref()));
+    let warm = match begin {
+        Begin::Guess => coarser(task, clock).map(|answer| answer.start(&problem, scheme.as_ref())),
+        Begin::Answer(answer) => Some(answer.start(&problem, scheme.as_ref())),
+        Begin::Solution(solution) => Some(start_at(solution, &problem)),
+    };
     let guess = || start_guess(&instant, scheme.as_ref(), points, &measurement, deadline);
     let (is_warm, is_alone) = (warm.is_some(), warm.is_some() && settings.starts == 1);
     let first = if is_alone { None } else { guess() };
@@ -109,7 +154,7 @@ fn solved(
     let mut kkt = Kkt::new(&problem);
     size.check_solving(kkt.bytes(), problem.variables(), settings).map_err(|reason| (Status::Invalid, reason))?;
     in_time(deadline)?;
-    // A warm start that leads nowhere gives way to the one by inverse dynamics.
+    // If no warm start converges, the start guess by inverse dynamics is tried.
     let cold = || guess().map(|guess| disturbed(&guess, 0));
     let starts = warm.into_iter().chain(rest);
     let runs = solve_all(&mut kkt, &problem, starts, is_warm.then_some(&cold as &dyn Fn() -> _), sqp_settings);
@@ -126,18 +171,26 @@ fn solved(
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
     outcome.job.remark = (runs.made < settings.starts)
         .then(|| format!("{} of {} starts were made before the time limit", runs.made, settings.starts));
-    let answer = (run.status == SqpStatus::Converged).then(|| Answer::new(&problem, scheme, &run.iterate));
+    let converged = run.status == SqpStatus::Converged;
+    outcome.solution = converged.then(|| SolutionPoint {
+        x: run.iterate.x.clone(),
+        equality_multipliers: run.iterate.equality_multipliers.clone(),
+        inequality_multipliers: run.iterate.inequality_multipliers.clone(),
+    });
+    let answer = converged.then(|| Answer::new(&problem, scheme, &run.iterate));
     Ok((outcome, answer))
 }
 
-fn measured(
-    model: &Model,
-    table: &MotionTable,
-    settings: &Settings,
-    points: usize,
-    deadline: Deadline,
-) -> Result<Measurement, Failure> {
-    motion_settings(settings).measure(table, model, points, deadline).map_err(|why| match why {
+/// The start at a solution of the same problem.
+fn start_at(solution: &SolutionPoint, problem: &Collocation<'_>) -> Start {
+    let active = active(&Iterate::new(problem, solution.x.clone()).inequalities);
+    let (lambda, nu) = (solution.equality_multipliers.clone(), solution.inequality_multipliers.clone());
+    Start { x: solution.x.clone(), multipliers: Some((lambda, nu, active)) }
+}
+
+fn measured(task: Task<'_>, deadline: Deadline) -> Result<Measurement, Failure> {
+    let Task { model, motion, settings, points } = task;
+    motion_settings(settings).measure(motion, model, points, deadline).map_err(|why| match why {
         Unmeasured::Late => late(),
         open => (Status::Infeasible, open.to_string()),
     })

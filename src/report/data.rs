@@ -55,7 +55,8 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
     let found = read_all(dir, &mut notes)?;
     let jobs = found.get("jobs").and_then(|jobs| jobs["rows"].as_u64()).unwrap_or_default() as usize;
     let beside = baseline.map(|baseline| beside(dir, baseline, &mut notes)).transpose()?;
-    let units: Map<String, Json> = manifest.axes.iter().map(|axis| (axis.clone(), json!(schema::unit(axis)))).collect();
+    let units: Map<String, Json> =
+        manifest.axes.iter().map(|axis| (axis.clone(), json!(tables::axis_unit(axis)))).collect();
     let study = &manifest.study;
     Ok(json!({
         "study": {
@@ -123,7 +124,7 @@ fn jobs_of(table: &Table, rows: usize) -> usize {
 fn columns(table: &Table, rows: usize) -> Json {
     let mut columns = Vec::new();
     for (name, values) in &table.columns {
-        let unit = schema::unit(name);
+        let unit = schema::unit(table.name, name);
         let column = match values {
             Values::Number(v) => json!({ "name": name, "unit": unit, "values": v[..rows] }),
             Values::Integer(v) => json!({ "name": name, "unit": unit, "values": v[..rows] }),

@@ -49,7 +49,8 @@ pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<C
     let file = |name: &str| table(folder, name);
     let provenance = manifest::provenance(study);
     let metadata = |table: &crate::tables::Table| {
-        let units = table.columns.iter().map(|(name, _)| (name.clone(), schema::unit(name).into()));
+        let units = table.columns.iter().map(|(name, _)| (name.clone(), schema::unit(table.name, name)));
+        let units = units.filter(|(_, unit)| !unit.is_empty()).map(|(name, unit)| (name, unit.into()));
         let units = serde_json::Value::Object(units.collect());
         let mut metadata = provenance.clone();
         metadata.push(("sinew.units".to_owned(), units.to_string()));

@@ -5,6 +5,7 @@
 
 pub mod collect;
 pub mod folder;
+mod known;
 pub mod manifest;
 mod progress;
 pub mod reasons;
@@ -21,8 +22,9 @@ use rayon::prelude::*;
 
 use crate::SOLVER;
 use crate::error::{Error, Result};
+use crate::model::Model;
 use crate::outcome::{Outcome, Status};
-use crate::solve::solve_from;
+use crate::solve::{Task, solve_from};
 use crate::study::file::OnFailure;
 use crate::study::{Job, Study};
 use crate::tables::schema;
@@ -30,6 +32,7 @@ use crate::terminal;
 use crate::warm::Answer;
 use collect::write_tables;
 use folder::Hold;
+use known::Known;
 use manifest::Manifest;
 use progress::Progress;
 use store::{Header, Store};
@@ -105,9 +108,14 @@ pub enum Ended {
 /// If the folder or a file cannot be written. What was finished before stays on disk.
 pub fn run(study: &Study, options: &RunOptions, stop: &AtomicBool) -> Result<RunReport> {
     run_with(study, options, stop, &|study, job, before| match study.model_of(job) {
-        Ok(model) => solve_from(&model, &study.motion, &job.settings, job.points, before),
+        Ok(model) => solve_from(task(study, job, &model), before),
         Err(complaint) => (Outcome::failed(Status::Invalid, complaint.message), None),
     })
+}
+
+/// What [`solve_from`] takes of a job; `model` is [`Study::model_of`] it.
+pub fn task<'a>(study: &'a Study, job: &'a Job, model: &'a Model) -> Task<'a> {
+    Task { model, motion: &study.motion, settings: &job.settings, points: job.points }
 }
 
 /// Solves a job, from the answer of the one before where there is one.
@@ -128,72 +136,118 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
         .map_err(|e| Error::io("start threads for", &options.out, std::io::Error::other(e)))?;
     quiet_workers();
 
-    let wanted = |header: Option<&Header>| match header {
-        None => true,
-        Some(h) if h.status != Status::Converged && options.failed => true,
-        Some(h) => h.solver != SOLVER && options.outdated,
-    };
-    let blocks: Vec<&[Job]> = study.blocks();
-    let mine: Vec<&[Job]> = (blocks.into_iter().enumerate())
-        .filter(|(i, _)| options.shard.is_none_or(|shard| shard.has(*i)))
-        .map(|(_, block)| block)
-        .collect();
-    let jobs: usize = mine.iter().map(|block| block.len()).sum();
-    let is_pending: Vec<bool> = study.jobs.iter().map(|job| wanted(store.get(&job.id))).collect();
-    let pending: Vec<&[Job]> =
-        mine.iter().copied().filter(|block| block.iter().any(|job| is_pending[job.index])).collect();
-    let count = pending.iter().flat_map(|block| block.iter()).filter(|job| is_pending[job.index]).count();
-
-    freeze(study, options, there, count > 0)?;
-    // When each job's line was written that a new one takes the place of.
-    let since: Vec<u64> = study.jobs.iter().map(|job| store.get(&job.id).map_or(0, |header| header.time_ms)).collect();
-
-    let mut desk =
-        Desk { since, store, progress: Progress::new(count), stop, on_failure: study.on_failure, failure: false };
-    desk.work(&pool, &pending, |block, hand_in| {
-        let last = block.iter().rposition(|job| is_pending[job.index]);
-        let mut before = None;
-        // A finished job that a pending one starts from is solved again, for its answer.
-        for job in &block[..last.map_or(0, |last| last + 1)] {
-            if stop.load(Ordering::Relaxed) {
-                break;
-            }
-            let (mut outcome, answer) = contained(study, job, before.as_ref(), solver);
-            outcome.job.warm_start_from = job.warm_start_from.clone().filter(|_| before.is_some());
-            before = answer;
-            if is_pending[job.index] {
-                hand_in(job, outcome, false);
-            }
-        }
+    let todo = Todo::new(study, &store, options);
+    freeze(study, options, there, todo.count > 0)?;
+    let known = Known::new(study, &options.out, &store, todo.jobs())?;
+    let mut session = Session::new(study, store, todo.count, stop);
+    session.work(&pool, &todo.blocks, |block, finish| {
+        solve_block(study, block, &todo, stop, solver, known.as_ref(), finish);
     })?;
-    let ended = match (desk.failure, stop.load(Ordering::Relaxed)) {
+    let ended = match (session.failure, stop.load(Ordering::Relaxed)) {
         (true, _) => Ended::FirstFailure,
         (_, true) => Ended::Interrupted,
         _ => Ended::Complete,
     };
     if study.on_failure == OnFailure::Retry && ended == Ended::Complete && options.shard.is_none() {
-        retry_failed(study, &mut desk, &pool, solver)?;
+        retry_failed(study, &mut session, &pool, solver)?;
     }
-    let Desk { mut store, .. } = desk;
-    let status = |job: &Job| store.get(&job.id).map(|header| header.status);
-    let done: Vec<Status> = mine.iter().flat_map(|block| block.iter()).filter_map(status).collect();
-    let report = RunReport {
-        jobs,
-        finished: done.len(),
-        failed: done.iter().filter(|status| **status != Status::Converged).count(),
-        kept: jobs - count,
-        ended: if done.len() == jobs && ended == Ended::Interrupted { Ended::Complete } else { ended },
-    };
+    let Session { mut store, .. } = session;
+    let report = todo.report(&store, ended);
     if options.shard.is_none() {
         write_tables(study, &mut store, &options.out)?;
     }
     Ok(report)
 }
 
-/// Where finished jobs are handed in: kept, counted, shown.
-struct Desk<'r> {
+/// What this run has to solve.
+struct Todo<'s> {
+    /// This run's part of the study, in blocks that one thread works on.
+    mine: Vec<&'s [Job]>,
+    /// The blocks among them with a pending job.
+    blocks: Vec<&'s [Job]>,
+    /// By index of the job.
+    is_pending: Vec<bool>,
+    /// Pending jobs in all.
+    count: usize,
+}
+
+impl<'s> Todo<'s> {
+    fn new(study: &'s Study, store: &Store, options: &RunOptions) -> Self {
+        let is_wanted = |header: Option<&Header>| match header {
+            None => true,
+            Some(h) if h.status != Status::Converged && options.failed => true,
+            Some(h) => h.solver != SOLVER && options.outdated,
+        };
+        let mine: Vec<&[Job]> = (study.blocks().into_iter().enumerate())
+            .filter(|(i, _)| options.shard.is_none_or(|shard| shard.has(*i)))
+            .map(|(_, block)| block)
+            .collect();
+        let is_pending: Vec<bool> = study.jobs.iter().map(|job| is_wanted(store.get(&job.id))).collect();
+        let has_pending = |block: &&[Job]| block.iter().any(|job| is_pending[job.index]);
+        let blocks = mine.iter().copied().filter(has_pending).collect();
+        let count = mine.iter().flat_map(|block| block.iter()).filter(|job| is_pending[job.index]).count();
+        Self { mine, blocks, is_pending, count }
+    }
+
+    /// The pending jobs.
+    fn jobs(&self) -> impl Iterator<Item = &'s Job> + '_ {
+        self.blocks.iter().flat_map(|block| block.iter()).filter(|job| self.is_pending[job.index])
+    }
+
+    fn report(&self, store: &Store, ended: Ended) -> RunReport {
+        let jobs = self.mine.iter().map(|block| block.len()).sum();
+        let status = |job: &Job| store.get(&job.id).map(|header| header.status);
+        let done: Vec<Status> = self.mine.iter().flat_map(|block| block.iter()).filter_map(status).collect();
+        RunReport {
+            jobs,
+            finished: done.len(),
+            failed: done.iter().filter(|status| **status != Status::Converged).count(),
+            kept: jobs - self.count,
+            ended: if done.len() == jobs && ended == Ended::Interrupted { Ended::Complete } else { ended },
+        }
+    }
+}
+
+/// Solves the pending jobs of a block, each from the answer of the one before. A finished job that a pending one starts
+/// from is solved again, since its answer is not kept.
+fn solve_block(
+    study: &Study,
+    block: &[Job],
+    todo: &Todo<'_>,
+    stop: &AtomicBool,
+    solver: &Solver<'_>,
+    known: Option<&Known<'_>>,
+    finish: &Finish<'_>,
+) {
+    let last = block.iter().rposition(|job| todo.is_pending[job.index]);
+    let mut before = None;
+    for job in &block[..last.map_or(0, |last| last + 1)] {
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
+        let is_alone = block.len() == 1;
+        if is_alone && let Some(outcome) = known.and_then(|known| contained_completion(known, job)) {
+            finish(job, outcome, false);
+            continue;
+        }
+        let (mut outcome, answer) = contained(study, job, before.as_ref(), solver);
+        outcome.job.warm_start_from = job.warm_start_from.clone().filter(|_| before.is_some());
+        before = answer;
+        if todo.is_pending[job.index] {
+            finish(job, outcome, false);
+        }
+    }
+}
+
+/// One job from its known solution; `None` if it has to be solved, also where that panics.
+fn contained_completion(known: &Known<'_>, job: &Job) -> Option<Outcome> {
+    catch_unwind(AssertUnwindSafe(|| known.complete(job))).unwrap_or_default()
+}
+
+/// The finished jobs of a run: kept on disk, counted, and shown.
+struct Session<'r> {
     store: Store,
-    /// By job: when its line was written that a new one takes the place of, ms; 0 if there is none.
+    /// By job: when the line was written that a new one will replace, ms; 0 if there is none.
     since: Vec<u64>,
     progress: Progress,
     stop: &'r AtomicBool,
@@ -202,30 +256,38 @@ struct Desk<'r> {
     failure: bool,
 }
 
-/// Hands in the outcome of a job; `true` if it was solved with help.
-type HandIn<'s> = dyn Fn(&Job, Outcome, bool) + 's;
+/// Keeps the outcome of a job; `true` if it was solved with help.
+type Finish<'s> = dyn Fn(&Job, Outcome, bool) + 's;
 
-impl Desk<'_> {
-    /// Works on all pieces in parallel. Lines are made by the workers and written here, many at a time where they come fast.
+/// A job on its way from the thread that solved it to the disk.
+struct Finished {
+    index: usize,
+    status: Status,
+    error: Option<String>,
+    line: Vec<u8>,
+}
+
+impl<'r> Session<'r> {
+    fn new(study: &Study, store: Store, count: usize, stop: &'r AtomicBool) -> Self {
+        let since = study.jobs.iter().map(|job| store.get(&job.id).map_or(0, |header| header.time_ms)).collect();
+        Self { since, store, progress: Progress::new(count), stop, on_failure: study.on_failure, failure: false }
+    }
+
+    /// Works on all pieces in parallel. The workers format the lines; this thread writes them, many at a time where they
+    /// come fast.
     fn work<P: Sync>(
         &mut self,
         pool: &rayon::ThreadPool,
         pieces: &[P],
-        work: impl Fn(&P, &HandIn<'_>) + Sync,
+        work: impl Fn(&P, &Finish<'_>) + Sync,
     ) -> Result<()> {
-        struct Finished {
-            index: usize,
-            status: Status,
-            error: Option<String>,
-            line: Vec<u8>,
-        }
         let (send, receive) = mpsc::sync_channel::<Finished>(WAITING);
         let (stop, at_failure, since) = (self.stop, self.on_failure == OnFailure::Stop, &self.since);
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 pool.install(|| {
                     pieces.par_iter().with_max_len(1).for_each_with(send, |send, piece| {
-                        let hand_in = |job: &Job, outcome: Outcome, retried: bool| {
+                        let finish = |job: &Job, outcome: Outcome, retried: bool| {
                             let line = store::line(&job.id, &outcome, retried, since[job.index]);
                             let (status, error) = (outcome.job.status, outcome.job.error);
                             if at_failure && status != Status::Converged {
@@ -235,7 +297,7 @@ impl Desk<'_> {
                             let _ = send.send(Finished { index: job.index, status, error, line });
                         };
                         if !stop.load(Ordering::Relaxed) {
-                            work(piece, &hand_in);
+                            work(piece, &finish);
                         }
                     });
                 });
@@ -268,13 +330,13 @@ impl Desk<'_> {
 const WAITING: usize = 4096;
 
 /// A second pass over what failed, when all else is done.
-fn retry_failed(study: &Study, desk: &mut Desk<'_>, pool: &rayon::ThreadPool, solver: &Solver<'_>) -> Result<()> {
-    let candidates = retry::candidates(study, &desk.store);
-    candidates.iter().for_each(|job| desk.since[job.index] = desk.store.get(&job.id).map_or(0, |h| h.time_ms));
-    let solved = retry::solved(study, &desk.store);
+fn retry_failed(study: &Study, session: &mut Session<'_>, pool: &rayon::ThreadPool, solver: &Solver<'_>) -> Result<()> {
+    let candidates = retry::candidates(study, &session.store);
+    candidates.iter().for_each(|job| session.since[job.index] = session.store.get(&job.id).map_or(0, |h| h.time_ms));
+    let solved = retry::solved(study, &session.store);
     let mut failed: Vec<(&Job, Outcome)> = Vec::new();
     for job in candidates {
-        failed.extend(desk.store.outcome(&job.id)?.map(|outcome| (job, outcome)));
+        failed.extend(session.store.outcome(&job.id)?.map(|outcome| (job, outcome)));
     }
     if failed.is_empty() {
         return Ok(());
@@ -283,9 +345,9 @@ fn retry_failed(study: &Study, desk: &mut Desk<'_>, pool: &rayon::ThreadPool, so
         "{} job(s) failed: again, by continuation from their nearest solved neighbours",
         failed.len()
     ));
-    desk.progress = Progress::new(failed.len());
-    desk.work(pool, &failed, |(job, first), hand_in| {
-        hand_in(job, retry::retry(study, job, first.clone(), &solved, solver), true);
+    session.progress = Progress::new(failed.len());
+    session.work(pool, &failed, |(job, first), finish| {
+        finish(job, retry::retry(study, job, first.clone(), &solved, solver), true);
     })
 }
 

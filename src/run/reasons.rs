@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
+use super::known;
 use super::manifest::{Manifest, fields};
 use super::store::Store;
 use crate::SOLVER;
@@ -17,6 +18,8 @@ pub enum Reason {
     New,
     /// A job with the same swept values was planned here, with something else changed: what, from and to.
     Changed(Vec<String>),
+    /// Solved already with another `regularity` or `trajectories`: what is missing is added, without another solve.
+    Solved,
     Done,
     /// Done by another version of the solver.
     DoneBy(String),
@@ -27,7 +30,7 @@ pub enum Reason {
 impl Reason {
     /// Whether a plain run solves this job.
     pub fn runs(&self) -> bool {
-        matches!(self, Reason::New | Reason::Changed(_))
+        matches!(self, Reason::New | Reason::Changed(_) | Reason::Solved)
     }
 
     /// The class, for counts.
@@ -35,6 +38,7 @@ impl Reason {
         match self {
             Reason::New => "new",
             Reason::Changed(_) => "changed",
+            Reason::Solved => "solved, to be completed",
             Reason::Done => "done",
             Reason::DoneBy(_) => "done by another solver",
             Reason::Failed(_) => "failed before",
@@ -76,7 +80,9 @@ pub fn reasons(study: &Study, folder: &Path) -> Result<Vec<Reason>> {
         Some(what) if !what.is_empty() => Reason::Changed(what),
         _ => Reason::New,
     };
-    Ok(study.jobs.iter().zip(found).map(|(job, found)| found.unwrap_or_else(|| unknown(job))).collect())
+    let solved = |job: &Job| known::find(study, job, &store).map(|_| Reason::Solved);
+    let reason = |(job, found): (&Job, Option<Reason>)| found.or_else(|| solved(job)).unwrap_or_else(|| unknown(job));
+    Ok(study.jobs.iter().zip(found).map(reason).collect())
 }
 
 /// The plan that was there before, its jobs by their swept values.

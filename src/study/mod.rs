@@ -26,7 +26,7 @@ use change::{ModelChange, changed_model};
 use file::StudyFile;
 use file::{OnFailure, OneOrMany, Ratio};
 use plan::Plan;
-use settings::{Complaint, Settings, Value};
+use settings::{Complaint, RegularityMode, Settings, Value};
 use sources::Sources;
 
 /// A part of every job's identity: raised when the meaning of a result changes.
@@ -138,6 +138,15 @@ impl Study {
     /// If the changes together make no model (a swept value was checked alone where a study has very many models).
     pub fn model_of(&self, job: &Job) -> std::result::Result<Model, Complaint> {
         changed_model(&self.model_table, &job.changes, job.settings.girdle)
+    }
+
+    /// Ids of jobs with the same solution as `job`, which differ in `regularity` and `trajectories` only, with their
+    /// `regularity`. None for a job that starts from another one's solution.
+    pub fn same_solution(&self, job: &Job) -> Vec<(RegularityMode, String)> {
+        if job.warm_start_from.is_some() {
+            return Vec::new();
+        }
+        plan::same_solution(&job.settings, &job.changes, &self.model_hash, &self.motion_hash)
     }
 
     /// The number of the model file at a path.

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
-use super::settings::{Complaint, Girdle, Settings, Value, WarmStart};
+use super::settings::{Complaint, Girdle, RegularityMode, Settings, Value, WarmStart};
 use super::size;
 use super::sweep::{self, Expansion, Place, Point};
 use super::{Job, SCHEMA_VERSION};
@@ -25,6 +25,33 @@ struct Identity<'a> {
     model: &'a str,
     motion: &'a str,
     warm_start_from: Option<&'a str>,
+}
+
+/// Ids of the jobs that differ from one in `regularity` and `trajectories` only, which do not change the solution; with
+/// their `regularity`. `settings` and `changes` are those of a job that starts from no other.
+pub fn same_solution(
+    settings: &Settings,
+    changes: &[ModelChange],
+    model: &str,
+    motion: &str,
+) -> Vec<(RegularityMode, String)> {
+    let modes = [RegularityMode::EveryIteration, RegularityMode::Optimum, RegularityMode::Off];
+    let pairs = modes.iter().flat_map(|&regularity| [true, false].map(|trajectories| (regularity, trajectories)));
+    pairs
+        .filter(|&pair| pair != (settings.regularity, settings.trajectories))
+        .map(|(regularity, trajectories)| {
+            let canonical = Settings { regularity, trajectories, ..settings.canonical() };
+            let identity = Identity {
+                schema: SCHEMA_VERSION,
+                settings: &canonical,
+                changes,
+                model,
+                motion,
+                warm_start_from: None,
+            };
+            (regularity, identity.hash())
+        })
+        .collect()
 }
 
 impl Identity<'_> {

@@ -2,9 +2,13 @@
 //!
 //! Missing values are null, units are in the column names, file metadata carry provenance.
 
+mod axes;
+mod column;
 mod parquet;
 pub mod schema;
 
+pub use axes::unit as axis_unit;
+pub use column::About;
 pub use parquet::{STUDY, Writer, is_of_study, read};
 
 /// A column's values; `None` is missing.

@@ -1,10 +1,15 @@
-//! The columns of every table: the only list of them.
+//! The columns of every table: the only list of them. `sinew describe` and `results/README.md` are made from it.
 
-use super::{Table, Values};
-use crate::outcome::{JobRow, MatrixRank, MuscleRow, Outcome, RegularityRow};
+use super::axes::{BEFORE_AXES, Kind};
+use super::column::{About, Column, table};
+use super::{Table, axes};
+use crate::outcome::{
+    IterationRow, JobRow, MuscleRow, OptimumRow, Outcome, RegularityRow, SensitivityRow, SpectrumRow, TrajectoryRow,
+};
 use crate::study::file::{Measure, Ratio};
-use crate::study::settings::Value;
 use crate::study::{Job, Study};
+
+pub use super::axes::axes;
 
 /// Version of names, types and meanings of the columns.
 pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
@@ -16,14 +21,23 @@ pub const TABLES: [&str; 9] =
 /// Tables that are left out where they have no row, since a study has to ask for them.
 pub const ON_REQUEST: [&str; 2] = ["ratios", "trajectories"];
 
-/// Columns of `jobs` before those of the axes, and the first after them.
-const BEFORE_AXES: [&str; 2] = ["job_id", "index"];
-const AFTER_AXES: &str = "status";
+/// Columns that are times taken: two runs of one study may differ in these only.
+pub const TIMINGS: [&str; 3] = ["solve_s", "rank_s", "wall_s"];
 
-/// Names of what a study swept, from its table of jobs.
-pub fn axes(jobs: &Table) -> Vec<String> {
-    let names = jobs.columns.iter().map(|(name, _)| name.clone());
-    names.filter(|name| !BEFORE_AXES.contains(&name.as_str())).take_while(|name| name != AFTER_AXES).collect()
+/// What one row of a table is.
+pub fn row_of(table: &str) -> &'static str {
+    match table {
+        "jobs" => "a job, failed ones too; the swept names are columns between `index` and `status`",
+        "regularity" => "a job whose ranks were taken: ranks, verdicts on uniqueness, and what is free",
+        "iterations" => "an SQP iteration of the best start of a job, the start guess being 0",
+        "muscles" => "a muscle of a job that has a last iterate; believe those of converged jobs only",
+        "ratios" => "a declared load ratio of a job, by measure (only where the study declares one)",
+        "spectrum" => "a singular value near the cut between kept and dropped ones",
+        "sensitivities" => "how the mean force of a muscle follows a parameter, at a converged solution",
+        "optima" => "an optimum that the starts of a job met, the lowest first",
+        "trajectories" => "a value of a function of time (only with `trajectories = true`)",
+        _ => "",
+    }
 }
 
 /// Columns that tell the rows of one job apart.
@@ -39,390 +53,444 @@ pub fn row_keys(table: &str) -> &'static [&'static str] {
     }
 }
 
+/// The columns of a table, those of swept names apart.
+pub fn about(table: &str) -> Vec<About> {
+    fn of<R>(columns: Vec<Column<R>>) -> Vec<About> {
+        columns.into_iter().map(|column| column.about).collect()
+    }
+    match table {
+        "jobs" => of(jobs()),
+        "regularity" => of(regularity()),
+        "iterations" => of(iterations()),
+        "muscles" => of(muscles()),
+        "ratios" => of(ratios()),
+        "spectrum" => of(spectrum()),
+        "sensitivities" => of(sensitivities()),
+        "optima" => of(optima()),
+        "trajectories" => of(trajectories()),
+        _ => Vec::new(),
+    }
+}
+
+/// Unit of a column of a table: `1` for a number without unit, empty where there is nothing to measure.
+pub fn unit(table: &str, column: &str) -> &'static str {
+    let own = about(table).into_iter().find(|about| about.name == column);
+    own.map_or_else(|| axes::unit(column), |about| about.unit)
+}
+
 /// What the tables of a study depend on beside its outcomes.
 pub struct Columns<'s> {
     axes: Vec<(&'s str, Kind)>,
     ratios: &'s [Ratio],
 }
 
-/// Settings that are whole numbers.
-const COUNTS: [&str; 7] =
-    ["stages", "measurement_ratio", "starts", "first_start", "seed", "max_iterations", crate::study::sweep::SAMPLE];
-
-/// Type of a swept column: that of all its values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Integer,
-    Number,
-    Flag,
-    Text,
-}
-
 impl<'s> Columns<'s> {
     pub fn of(study: &'s Study) -> Self {
-        // Real numbers are real in every study, whatever values it has of them.
-        let kind = |axis: usize| {
-            let values = || study.jobs.iter().filter_map(move |job| job.swept[axis].as_ref());
-            if COUNTS.contains(&study.axes[axis].as_str()) && values().all(|v| matches!(v, Value::Integer(_))) {
-                Kind::Integer
-            } else if values().all(|v| v.number().is_some()) {
-                Kind::Number
-            } else if values().all(|v| matches!(v, Value::Flag(_))) {
-                Kind::Flag
-            } else {
-                Kind::Text
-            }
-        };
-        let axes = study.axes.iter().enumerate().map(|(i, name)| (name.as_str(), kind(i))).collect();
+        let axes = study.axes.iter().enumerate().map(|(i, name)| (name.as_str(), Kind::of(study, i))).collect();
         Self { axes, ratios: &study.ratios }
     }
 
     /// All tables for some finished jobs, in their order.
     pub fn tables(&self, finished: &[(&Job, &Outcome)]) -> Vec<Table> {
+        let ratio_rows: Vec<Vec<RatioRow<'_>>> =
+            finished.iter().map(|(_, outcome)| ratio_rows(outcome, self.ratios)).collect();
+        let ratio_lines: Vec<Line<'_, RatioRow<'_>>> = (finished.iter().zip(&ratio_rows))
+            .flat_map(|((job, outcome), rows)| rows.iter().map(|row| Line::new(job, outcome, row)))
+            .collect();
         vec![
             self.jobs(finished),
-            regularity(finished),
-            iterations(finished),
-            muscles(finished),
-            ratios(finished, self.ratios),
-            spectrum(finished),
-            sensitivities(finished),
-            optima(finished),
-            trajectories(finished),
+            table("regularity", &regularity(), &lines(finished, |o| o.regularity.as_slice())),
+            table("iterations", &iterations(), &lines(finished, |o| &o.iterations)),
+            table("muscles", &muscles(), &lines(finished, |o| &o.muscles)),
+            table("ratios", &ratios(), &ratio_lines),
+            table("spectrum", &spectrum(), &lines(finished, |o| &o.spectrum)),
+            table("sensitivities", &sensitivities(), &lines(finished, |o| &o.sensitivities)),
+            table("optima", &optima(), &lines(finished, |o| &o.optima)),
+            table("trajectories", &trajectories(), &lines(finished, |o| &o.trajectories)),
         ]
     }
-}
 
-/// Columns that are times taken: two runs of one study may differ in these only.
-pub const TIMINGS: [&str; 3] = ["solve_s", "rank_s", "wall_s"];
-
-fn numbers<R>(rows: &[R], f: impl Fn(&R) -> Option<f64>) -> Values {
-    Values::Number(rows.iter().map(f).collect())
-}
-
-fn integers<R>(rows: &[R], f: impl Fn(&R) -> Option<i64>) -> Values {
-    Values::Integer(rows.iter().map(f).collect())
-}
-
-fn flags<R>(rows: &[R], f: impl Fn(&R) -> Option<bool>) -> Values {
-    Values::Flag(rows.iter().map(f).collect())
-}
-
-fn texts<R>(rows: &[R], f: impl Fn(&R) -> Option<String>) -> Values {
-    Values::Text(rows.iter().map(f).collect())
-}
-
-fn table(name: &'static str, columns: Vec<(&str, Values)>) -> Table {
-    Table { name, columns: columns.into_iter().map(|(name, values)| (name.to_owned(), values)).collect() }
-}
-
-impl Kind {
-    fn values(self, values: &[Option<&Value>]) -> Values {
-        match self {
-            Kind::Integer => integers(values, |v| match v {
-                Some(Value::Integer(i)) => Some(*i),
-                _ => None,
-            }),
-            Kind::Number => numbers(values, |v| v.and_then(Value::number)),
-            Kind::Flag => flags(values, |v| match v {
-                Some(Value::Flag(f)) => Some(*f),
-                _ => None,
-            }),
-            Kind::Text => texts(values, |v| v.map(ToString::to_string)),
-        }
-    }
-}
-
-impl Columns<'_> {
-    fn jobs(&self, rows: &[(&Job, &Outcome)]) -> Table {
-        let mut jobs = table(
-            "jobs",
-            vec![
-                ("job_id", texts(rows, |(job, _)| Some(job.id.clone()))),
-                ("index", integers(rows, |(job, _)| Some(job.index as i64))),
-            ],
-        );
+    fn jobs(&self, finished: &[(&Job, &Outcome)]) -> Table {
+        let mut table = table("jobs", &jobs(), &lines(finished, |o| std::slice::from_ref(&o.job)));
+        let after = table.columns.split_off(BEFORE_AXES.len());
         for (axis, (name, kind)) in self.axes.iter().enumerate() {
-            let values: Vec<Option<&Value>> = rows.iter().map(|(job, _)| job.swept[axis].as_ref()).collect();
-            jobs.columns.push(((*name).to_owned(), kind.values(&values)));
+            let values: Vec<_> = finished.iter().map(|(job, _)| job.swept[axis].as_ref()).collect();
+            table.columns.push(((*name).to_owned(), kind.values(&values)));
         }
-        jobs.columns.extend(job_rows(rows).into_iter().map(|(name, values)| (name.to_owned(), values)));
-        jobs
+        table.columns.extend(after);
+        table
     }
 }
 
-fn job_rows(rows: &[(&Job, &Outcome)]) -> Vec<(&'static str, Values)> {
-    let number = |f: fn(&JobRow) -> Option<f64>| numbers(rows, |(_, o)| f(&o.job));
-    let integer = |f: fn(&JobRow) -> Option<i64>| integers(rows, |(_, o)| f(&o.job));
-    vec![
-        ("status", texts(rows, |(_, o)| Some(o.job.status.name().to_owned()))),
-        ("error", texts(rows, |(_, o)| o.job.error.clone())),
-        ("warnings", texts(rows, |(_, o)| o.job.warnings.clone())),
-        ("remark", texts(rows, |(_, o)| o.job.remark.clone())),
-        ("iterations", integer(|j| j.iterations)),
-        ("factorisations", integer(|j| j.factorisations)),
-        ("objective", number(|j| j.objective)),
-        ("effort", number(|j| j.effort)),
-        ("effort_mesh_error", number(|j| j.effort_mesh_error)),
-        ("tracking_rms_m", number(|j| j.tracking_rms_m)),
-        ("tracking_rms_deg", number(|j| j.tracking_rms_deg)),
-        ("n_starts", integer(|j| j.n_starts)),
-        ("n_converged_starts", integer(|j| j.n_converged_starts)),
-        ("n_distinct_optima", integer(|j| j.n_distinct_optima)),
-        ("stationarity", number(|j| j.stationarity)),
-        ("feasibility", number(|j| j.feasibility)),
-        ("complementarity", number(|j| j.complementarity)),
-        ("n_variables", integer(|j| j.n_variables)),
-        ("n_equalities", integer(|j| j.n_equalities)),
-        ("n_active", integer(|j| j.n_active)),
-        ("n_active_force", integer(|j| j.n_active_force)),
-        ("min_activation", number(|j| j.min_activation)),
-        ("max_activation", number(|j| j.max_activation)),
-        ("max_constraint_velocity", number(|j| j.max_constraint_velocity)),
-        ("mid_interval_error", number(|j| j.mid_interval_error)),
-        ("polished", flags(rows, |(_, o)| o.job.polished)),
-        ("warm_start_from", texts(rows, |(_, o)| o.job.warm_start_from.clone())),
-        ("solve_s", number(|j| j.solve_s)),
-        ("rank_s", number(|j| j.rank_s)),
-        ("wall_s", number(|j| j.wall_s)),
-    ]
-}
-
-fn regularity(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows: Vec<(Of<'_>, &RegularityRow)> =
-        finished.iter().filter_map(|(job, o)| Some((Of::new(job, o), o.regularity.as_ref()?))).collect();
-    type Pick = fn(&RegularityRow) -> &MatrixRank;
-    let matrix = |pick: Pick, f: fn(&MatrixRank) -> Option<i64>| integers(&rows, |(_, r)| f(pick(r)));
-    let value = |pick: Pick, f: fn(&MatrixRank) -> Option<f64>| numbers(&rows, |(_, r)| f(pick(r)));
-    let (a, aj): (Pick, Pick) = (|r| &r.a, |r| &r.aj);
-    table(
-        "regularity",
-        vec![
-            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
-            ("status", texts(&rows, |(of, _)| Some(of.status.to_owned()))),
-            ("rows_a", matrix(a, |m| Some(m.size))),
-            ("rank_a", matrix(a, |m| Some(m.rank))),
-            ("deficiency_a", matrix(a, |m| Some(m.deficiency))),
-            ("predicted_deficiency_a", matrix(a, |m| m.predicted)),
-            ("columns_aj", matrix(aj, |m| Some(m.size))),
-            ("rank_aj", matrix(aj, |m| Some(m.rank))),
-            ("deficiency_aj", matrix(aj, |m| Some(m.deficiency))),
-            ("predicted_deficiency_aj", matrix(aj, |m| m.predicted)),
-            ("deficiency_a_with_force", integers(&rows, |(_, r)| r.deficiency_a_with_force)),
-            ("deficiency_aj_with_force", integers(&rows, |(_, r)| r.deficiency_aj_with_force)),
-            ("tolerance_a", value(a, |m| Some(m.tolerance))),
-            ("tolerance_aj", value(aj, |m| Some(m.tolerance))),
-            ("sigma_max_a", value(a, |m| m.sigma_max)),
-            ("sigma_max_aj", value(aj, |m| m.sigma_max)),
-            ("sigma_last_kept_a", value(a, |m| m.sigma_last_kept)),
-            ("sigma_last_kept_aj", value(aj, |m| m.sigma_last_kept)),
-            ("sigma_first_dropped_a", value(a, |m| m.sigma_first_dropped)),
-            ("sigma_first_dropped_aj", value(aj, |m| m.sigma_first_dropped)),
-            ("ambiguous", flags(&rows, |(_, r)| Some(r.ambiguous))),
-            ("prediction_agrees", flags(&rows, |(_, r)| r.prediction_agrees)),
-            ("multipliers_unique", flags(&rows, |(_, r)| r.multipliers_unique)),
-            ("answer_unique", flags(&rows, |(_, r)| r.answer_unique)),
-            ("loads_unique", flags(&rows, |(_, r)| r.loads_unique)),
-            ("unique", flags(&rows, |(_, r)| Some(r.multipliers_unique? && r.answer_unique?))),
-            ("null_space", texts(&rows, |(_, r)| r.null_space.clone())),
-        ],
-    )
-}
-
-/// The job that a row is of.
-#[derive(Clone, Copy)]
-struct Of<'o> {
-    job: &'o str,
+/// A row of an outcome with the job it is of.
+struct Line<'o, R> {
+    job: &'o Job,
     status: &'static str,
+    row: &'o R,
 }
 
-impl<'o> Of<'o> {
-    fn new(job: &'o Job, outcome: &Outcome) -> Self {
-        Self { job: &job.id, status: outcome.job.status.name() }
+impl<'o, R> Line<'o, R> {
+    fn new(job: &'o Job, outcome: &Outcome, row: &'o R) -> Self {
+        Self { job, status: outcome.job.status.name(), row }
     }
 }
 
 /// Every row of one kind, with its job.
-fn each<'o, R>(finished: &[(&'o Job, &'o Outcome)], rows: fn(&'o Outcome) -> &'o Vec<R>) -> Vec<(Of<'o>, &'o R)> {
-    finished.iter().flat_map(|(job, outcome)| rows(outcome).iter().map(|row| (Of::new(job, outcome), row))).collect()
+fn lines<'o, R>(finished: &[(&'o Job, &'o Outcome)], rows: fn(&'o Outcome) -> &'o [R]) -> Vec<Line<'o, R>> {
+    finished.iter().flat_map(|(job, outcome)| rows(outcome).iter().map(|row| Line::new(job, outcome, row))).collect()
 }
 
-fn iterations(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows = each(finished, |o| &o.iterations);
-    table(
-        "iterations",
-        vec![
-            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
-            ("iteration", integers(&rows, |(_, r)| Some(r.iteration))),
-            ("objective", numbers(&rows, |(_, r)| Some(r.objective))),
-            ("stationarity", numbers(&rows, |(_, r)| Some(r.stationarity))),
-            ("feasibility", numbers(&rows, |(_, r)| Some(r.feasibility))),
-            ("complementarity", numbers(&rows, |(_, r)| Some(r.complementarity))),
-            ("step_norm", numbers(&rows, |(_, r)| Some(r.step_norm))),
-            ("distance_to_solution", numbers(&rows, |(_, r)| Some(r.distance_to_solution))),
-            ("qp_iterations", integers(&rows, |(_, r)| Some(r.qp_iterations))),
-            ("deficiency_a", integers(&rows, |(_, r)| r.deficiency_a)),
-            ("deficiency_aj", integers(&rows, |(_, r)| r.deficiency_aj)),
-        ],
-    )
+fn job_id<'o, R>() -> Column<Line<'o, R>> {
+    Column::text("job_id", "hash of all that decides the result: the same job has the same id in every study", |l| {
+        Some(l.job.id.clone())
+    })
 }
 
-fn muscles(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows = each(finished, |o| &o.muscles);
-    table(
-        "muscles",
-        vec![
-            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
-            ("status", texts(&rows, |(of, _)| Some(of.status.to_owned()))),
-            ("muscle", texts(&rows, |(_, r)| Some(r.muscle.clone()))),
-            ("mean_activation", numbers(&rows, |(_, r)| Some(r.mean_activation))),
-            ("mean_activation_low", numbers(&rows, |(_, r)| r.mean_activation_low)),
-            ("mean_activation_high", numbers(&rows, |(_, r)| r.mean_activation_high)),
-            ("peak_activation", numbers(&rows, |(_, r)| Some(r.peak_activation))),
-            ("peak_excitation", numbers(&rows, |(_, r)| Some(r.peak_excitation))),
-            ("saturated_share", numbers(&rows, |(_, r)| Some(r.saturated_share))),
-            ("mean_force_n", numbers(&rows, |(_, r)| Some(r.mean_force_n))),
-            ("mean_force_mesh_error_n", numbers(&rows, |(_, r)| r.mean_force_mesh_error_n)),
-            ("peak_force_n", numbers(&rows, |(_, r)| Some(r.peak_force_n))),
-            ("impulse_n_s", numbers(&rows, |(_, r)| Some(r.impulse_n_s))),
-            ("min_force_n", numbers(&rows, |(_, r)| Some(r.min_force_n))),
-            ("peak_passive_force_n", numbers(&rows, |(_, r)| Some(r.peak_passive_force_n))),
-            ("min_fibre_length", numbers(&rows, |(_, r)| Some(r.min_fibre_length))),
-            ("max_fibre_length", numbers(&rows, |(_, r)| Some(r.max_fibre_length))),
-            ("idle", flags(&rows, |(_, r)| Some(r.idle))),
-            ("ringing", numbers(&rows, |(_, r)| Some(r.ringing))),
-            ("direction_changes", numbers(&rows, |(_, r)| Some(r.direction_changes))),
-            ("peak_fibre_velocity_per_s", numbers(&rows, |(_, r)| Some(r.peak_fibre_velocity_per_s))),
-        ],
-    )
+fn status<'o, R>() -> Column<Line<'o, R>> {
+    Column::text("status", "status of the job, as in `jobs`", |l| Some(l.status.to_owned()))
 }
 
-/// The declared load ratios of each job that has muscles; null where the denominator is 0.
-fn ratios(finished: &[(&Job, &Outcome)], ratios: &[Ratio]) -> Table {
-    struct Row<'o> {
-        of: Of<'o>,
-        ratio: &'o str,
-        measure: Measure,
-        value: Option<f64>,
-    }
+fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        C::integer("index", "position in the study, from 0", |l| Some(l.job.index as i64)),
+        C::text(
+            "status",
+            "`converged`, or how the job failed: `iteration_limit`, `time_limit`, `qp_failed` (a quadratic sub-problem \
+             was not solved), `stalled` (no step was accepted), `infeasible` (constraints contradict each other), \
+             `non_finite`, `invalid` (could not be set up), `panicked` (a bug; please report it)",
+            |l| Some(l.status.to_owned()),
+        ),
+        C::text("error", "why the job failed", |l| l.row.error.clone()),
+        C::text("warnings", "codes of warnings, separated by `, `; see the table of warnings", |l| {
+            l.row.warnings.clone()
+        }),
+        C::text("remark", "what the warnings found, and how the job was started if not as usual", |l| {
+            l.row.remark.clone()
+        }),
+        C::integer("iterations", "SQP iterations of the best start", |l| l.row.iterations),
+        C::integer("factorisations", "factorisations of KKT matrices, all starts and the analysis together", |l| {
+            l.row.factorisations
+        }),
+        C::number("objective", "1", "half the sum of squared residuals (tracking and load sharing), eq. (26)", |l| {
+            l.row.objective
+        }),
+        C::number("effort", "s", "∫ Σ a² dt over all muscles", |l| l.row.effort),
+        C::number(
+            "effort_mesh_error",
+            "s",
+            "estimated discretisation error of the effort: computed minus exact; radau only",
+            |l| l.row.effort_mesh_error,
+        ),
+        C::number("tracking_rms_m", "m", "RMS error of the positions of the bodies at the measured instants", |l| {
+            l.row.tracking_rms_m
+        }),
+        C::number("tracking_rms_deg", "degree", "RMS error of the orientations of the bodies", |l| {
+            l.row.tracking_rms_deg
+        }),
+        C::integer("n_starts", "starts that were made", |l| l.row.n_starts),
+        C::integer("n_converged_starts", "starts that converged", |l| l.row.n_converged_starts),
+        C::integer("n_distinct_optima", "different optima among them; see `optima`", |l| l.row.n_distinct_optima),
+        C::number(
+            "stationarity",
+            "1",
+            "largest entry of the Lagrangian's gradient, relative to the objective's",
+            |l| l.row.stationarity,
+        ),
+        C::number(
+            "feasibility",
+            "1",
+            "largest violation: |eq. (1)| over the weight, |eq. (3)| in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bounds",
+            |l| l.row.feasibility,
+        ),
+        C::number("complementarity", "1", "largest |slack of a bound × its multiplier|", |l| l.row.complementarity),
+        C::integer("n_variables", "unknowns", |l| l.row.n_variables),
+        C::integer("n_equalities", "equality constraints", |l| l.row.n_equalities),
+        C::integer("n_active", "active bounds on activations and excitations", |l| l.row.n_active),
+        C::integer(
+            "n_active_force",
+            "active conditions f_m ≥ 0, which are imposed where a ≥ 0 is not and are not part of the thesis' ranks",
+            |l| l.row.n_active_force,
+        ),
+        C::number("min_activation", "1", "smallest activation of any muscle", |l| l.row.min_activation),
+        C::number("max_activation", "1", "largest activation of any muscle", |l| l.row.max_activation),
+        C::number(
+            "max_constraint_velocity",
+            "m/s, rad/s",
+            "largest |Φ_q q̇| at the points: how far the velocities leave the joints; rounding level with radau",
+            |l| l.row.max_constraint_velocity,
+        ),
+        C::number(
+            "mid_interval_error",
+            "1",
+            "how well the equations hold half-way between the points: the largest of |eq. (1)| over the weight, \
+             |eq. (3)| in normalised force, |Φ| in m, and |eq. (4)|·τ; null where it overflows",
+            |l| l.row.mid_interval_error,
+        ),
+        C::flag("polished", "active bounds hold exactly where the ranks were taken; false where that failed", |l| {
+            l.row.polished
+        }),
+        C::text("warm_start_from", "id of the job whose solution this one started from", |l| {
+            l.row.warm_start_from.clone()
+        }),
+        C::number("solve_s", "s", "time to solve, all starts", |l| l.row.solve_s),
+        C::number("rank_s", "s", "time for ranks, intervals and sensitivities", |l| l.row.rank_s),
+        C::number("wall_s", "s", "time of the whole job", |l| l.row.wall_s),
+    ]
+}
+
+fn regularity<'o>() -> Vec<Column<Line<'o, RegularityRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        status(),
+        C::integer("rows_a", "rows of A, the Jacobian of all equalities and active bounds", |l| Some(l.row.a.size)),
+        C::integer("rank_a", "rank of A at MATLAB's tolerance", |l| Some(l.row.a.rank)),
+        C::integer("deficiency_a", "rows minus rank of A (the thesis prints it negative)", |l| {
+            Some(l.row.a.deficiency)
+        }),
+        C::integer("predicted_deficiency_a", "the deficiency of A that the pattern of active bounds explains", |l| {
+            l.row.a.predicted
+        }),
+        C::integer(
+            "columns_aj",
+            "columns of [A; J], the number of unknowns; J is the Jacobian of the residuals",
+            |l| Some(l.row.aj.size),
+        ),
+        C::integer("rank_aj", "rank of [Aᵀ Jᵀ] at MATLAB's tolerance", |l| Some(l.row.aj.rank)),
+        C::integer("deficiency_aj", "unknowns minus rank of [Aᵀ Jᵀ]: directions that are free", |l| {
+            Some(l.row.aj.deficiency)
+        }),
+        C::integer("predicted_deficiency_aj", "the deficiency of [Aᵀ Jᵀ] that the pattern explains", |l| {
+            l.row.aj.predicted
+        }),
+        C::integer("deficiency_a_with_force", "that of A with active conditions f_m ≥ 0 as rows too", |l| {
+            l.row.deficiency_a_with_force
+        }),
+        C::integer("deficiency_aj_with_force", "that of [Aᵀ Jᵀ] with these rows", |l| {
+            l.row.deficiency_aj_with_force
+        }),
+        C::number("tolerance_a", "1", "singular values of A below it count as 0", |l| Some(l.row.a.tolerance)),
+        C::number("tolerance_aj", "1", "singular values of [Aᵀ Jᵀ] below it count as 0", |l| {
+            Some(l.row.aj.tolerance)
+        }),
+        C::number("sigma_max_a", "1", "largest singular value of A", |l| l.row.a.sigma_max),
+        C::number("sigma_max_aj", "1", "largest singular value of [Aᵀ Jᵀ]", |l| l.row.aj.sigma_max),
+        C::number("sigma_last_kept_a", "1", "smallest singular value of A that is kept", |l| l.row.a.sigma_last_kept),
+        C::number("sigma_last_kept_aj", "1", "smallest singular value of [Aᵀ Jᵀ] that is kept", |l| {
+            l.row.aj.sigma_last_kept
+        }),
+        C::number("sigma_first_dropped_a", "1", "largest singular value of A that counts as 0", |l| {
+            l.row.a.sigma_first_dropped
+        }),
+        C::number("sigma_first_dropped_aj", "1", "largest singular value of [Aᵀ Jᵀ] that counts as 0", |l| {
+            l.row.aj.sigma_first_dropped
+        }),
+        C::flag(
+            "ambiguous",
+            "the singular values have no clear gap at the cut, so that the count depends on the tolerance",
+            |l| Some(l.row.ambiguous),
+        ),
+        C::flag(
+            "prediction_agrees",
+            "some cut between 1e-15 and 1e-9 of the largest singular value gives the predicted deficiencies",
+            |l| l.row.prediction_agrees,
+        ),
+        C::flag("multipliers_unique", "A has full rank: the multipliers have one value", |l| l.row.multipliers_unique),
+        C::flag(
+            "answer_unique",
+            "[Aᵀ Jᵀ] has full rank: excitations, activations, fibre lengths, reactions and motion have one value, to \
+             first order",
+            |l| l.row.answer_unique,
+        ),
+        C::flag(
+            "loads_unique",
+            "no free direction moves the force of a muscle at a collocation point: who carries what is determined",
+            |l| l.row.loads_unique,
+        ),
+        C::flag(
+            "unique",
+            "both deficiencies are 0, as the thesis has it; often false beside a unique answer, since the bounds of an \
+             idle muscle are dependent",
+            |l| Some(l.row.multipliers_unique? && l.row.answer_unique?),
+        ),
+        C::text("null_space", "what is free, in words", |l| l.row.null_space.clone()),
+    ]
+}
+
+fn iterations<'o>() -> Vec<Column<Line<'o, IterationRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        C::integer("iteration", "from 0, the start guess", |l| Some(l.row.iteration)),
+        C::number("objective", "1", "half the sum of squared residuals", |l| Some(l.row.objective)),
+        C::number("stationarity", "1", "KKT residual, of the scaled problem", |l| Some(l.row.stationarity)),
+        C::number("feasibility", "1", "KKT residual", |l| Some(l.row.feasibility)),
+        C::number("complementarity", "1", "KKT residual", |l| Some(l.row.complementarity)),
+        C::number("step_norm", "1", "2-norm of the step taken", |l| Some(l.row.step_norm)),
+        C::number("distance_to_solution", "1", "2-norm of the distance to the last iterate", |l| {
+            Some(l.row.distance_to_solution)
+        }),
+        C::integer("qp_iterations", "iterations of the quadratic sub-problem", |l| Some(l.row.qp_iterations)),
+        C::integer("deficiency_a", "as in `regularity`, at this iterate", |l| l.row.deficiency_a),
+        C::integer("deficiency_aj", "as in `regularity`, at this iterate", |l| l.row.deficiency_aj),
+    ]
+}
+
+fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        status(),
+        C::text("muscle", "name of the muscle", |l| Some(l.row.muscle.clone())),
+        C::number("mean_activation", "1", "mean over time", |l| Some(l.row.mean_activation)),
+        C::number(
+            "mean_activation_low",
+            "1",
+            "least mean activation over all answers that are as good to first order",
+            |l| l.row.mean_activation_low,
+        ),
+        C::number("mean_activation_high", "1", "greatest of these; the same as the least where it is unique", |l| {
+            l.row.mean_activation_high
+        }),
+        C::number("peak_activation", "1", "largest at a collocation point", |l| Some(l.row.peak_activation)),
+        C::number("peak_excitation", "1", "largest at a collocation point", |l| Some(l.row.peak_excitation)),
+        C::number("saturated_share", "1", "share of the time with an activation of 1", |l| Some(l.row.saturated_share)),
+        C::number("mean_force_n", "N", "mean tendon force", |l| Some(l.row.mean_force_n)),
+        C::number(
+            "mean_force_mesh_error_n",
+            "N",
+            "estimated discretisation error of the mean force: computed minus exact; radau only",
+            |l| l.row.mean_force_mesh_error_n,
+        ),
+        C::number("peak_force_n", "N", "largest tendon force", |l| Some(l.row.peak_force_n)),
+        C::number("impulse_n_s", "N s", "integral of the tendon force", |l| Some(l.row.impulse_n_s)),
+        C::number("min_force_n", "N", "smallest tendon force", |l| Some(l.row.min_force_n)),
+        C::number("peak_passive_force_n", "N", "largest passive force of the fibres", |l| {
+            Some(l.row.peak_passive_force_n)
+        }),
+        C::number("min_fibre_length", "optimal fibre lengths", "shortest fibre length", |l| {
+            Some(l.row.min_fibre_length)
+        }),
+        C::number("max_fibre_length", "optimal fibre lengths", "longest fibre length", |l| {
+            Some(l.row.max_fibre_length)
+        }),
+        C::flag("idle", "the activation is 0 at every collocation point (|a| ≤ 1e-8)", |l| Some(l.row.idle)),
+        C::number(
+            "ringing",
+            "optimal fibre lengths/s",
+            "largest |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity: amplitude of an alternation from point to point",
+            |l| Some(l.row.ringing),
+        ),
+        C::number("direction_changes", "1", "share of points where the fibre velocity turns up or down", |l| {
+            Some(l.row.direction_changes)
+        }),
+        C::number("peak_fibre_velocity_per_s", "optimal fibre lengths/s", "largest |fibre velocity|", |l| {
+            Some(l.row.peak_fibre_velocity_per_s)
+        }),
+    ]
+}
+
+/// A declared load ratio of a job.
+struct RatioRow<'s> {
+    ratio: &'s str,
+    measure: Measure,
+    /// `None` where the denominator is 0.
+    value: Option<f64>,
+}
+
+/// The declared load ratios of a job; none where it has no muscles.
+fn ratio_rows<'s>(outcome: &Outcome, ratios: &'s [Ratio]) -> Vec<RatioRow<'s>> {
     let mut rows = Vec::new();
-    for (job, outcome) in finished.iter().filter(|(_, outcome)| !outcome.muscles.is_empty()) {
-        for ratio in ratios {
-            for &measure in &ratio.measure.0 {
-                let total = |muscles: &[String]| {
-                    let of = |row: &MuscleRow| match measure {
-                        Measure::MeanForce => row.mean_force_n,
-                        Measure::PeakForce => row.peak_force_n,
-                        Measure::Impulse => row.impulse_n_s,
-                        Measure::Activation => row.mean_activation / muscles.len() as f64,
-                    };
-                    outcome.muscles.iter().filter(|row| muscles.contains(&row.muscle)).map(of).sum::<f64>()
+    for ratio in ratios.iter().filter(|_| !outcome.muscles.is_empty()) {
+        for &measure in &ratio.measure.0 {
+            let total = |muscles: &[String]| {
+                let of = |row: &MuscleRow| match measure {
+                    Measure::MeanForce => row.mean_force_n,
+                    Measure::PeakForce => row.peak_force_n,
+                    Measure::Impulse => row.impulse_n_s,
+                    Measure::Activation => row.mean_activation / muscles.len() as f64,
                 };
-                let value = Some(total(&ratio.numerator.0) / total(&ratio.denominator.0)).filter(|v| v.is_finite());
-                rows.push(Row { of: Of::new(job, outcome), ratio: &ratio.name, measure, value });
-            }
+                outcome.muscles.iter().filter(|row| muscles.contains(&row.muscle)).map(of).sum::<f64>()
+            };
+            let value = Some(total(&ratio.numerator.0) / total(&ratio.denominator.0)).filter(|v| v.is_finite());
+            rows.push(RatioRow { ratio: &ratio.name, measure, value });
         }
     }
-    table(
-        "ratios",
-        vec![
-            ("job_id", texts(&rows, |r| Some(r.of.job.to_owned()))),
-            ("status", texts(&rows, |r| Some(r.of.status.to_owned()))),
-            ("ratio", texts(&rows, |r| Some(r.ratio.to_owned()))),
-            ("measure", texts(&rows, |r| Some(r.measure.name().to_owned()))),
-            ("value", numbers(&rows, |r| r.value)),
-        ],
-    )
+    rows
 }
 
-fn spectrum(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows = each(finished, |o| &o.spectrum);
-    table(
-        "spectrum",
-        vec![
-            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
-            ("matrix", texts(&rows, |(_, r)| Some(r.matrix.clone()))),
-            ("index", integers(&rows, |(_, r)| Some(r.index))),
-            ("value", numbers(&rows, |(_, r)| Some(r.value))),
-        ],
-    )
+fn ratios<'o>() -> Vec<Column<Line<'o, RatioRow<'o>>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        status(),
+        C::text("ratio", "its name in the study", |l| Some(l.row.ratio.to_owned())),
+        C::text("measure", "`mean_force`, `peak_force`, `impulse` or `activation`", |l| {
+            Some(l.row.measure.name().to_owned())
+        }),
+        C::number("value", "1", "numerator over denominator; null where the denominator is 0", |l| l.row.value),
+    ]
 }
 
-fn sensitivities(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows = each(finished, |o| &o.sensitivities);
-    table(
-        "sensitivities",
-        vec![
-            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
-            ("muscle", texts(&rows, |(_, r)| Some(r.muscle.clone()))),
-            ("parameter", texts(&rows, |(_, r)| Some(r.parameter.clone()))),
-            ("parameter_value", numbers(&rows, |(_, r)| Some(r.parameter_value))),
-            ("mean_force_slope", numbers(&rows, |(_, r)| Some(r.mean_force_slope))),
-            ("elasticity", numbers(&rows, |(_, r)| r.elasticity)),
-        ],
-    )
+fn spectrum<'o>() -> Vec<Column<Line<'o, SpectrumRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        C::text("matrix", "`a` for A, `aj` for [Aᵀ Jᵀ]", |l| Some(l.row.matrix.clone())),
+        C::integer("index", "from 0, the largest first", |l| Some(l.row.index)),
+        C::number("value", "1", "the singular value", |l| Some(l.row.value)),
+    ]
 }
 
-fn optima(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows = each(finished, |o| &o.optima);
-    table(
-        "optima",
-        vec![
-            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
-            ("objective", numbers(&rows, |(_, r)| Some(r.objective))),
-            ("starts", integers(&rows, |(_, r)| Some(r.starts))),
-            ("idle", texts(&rows, |(_, r)| Some(r.idle.clone()))),
-            ("deficiency_a", integers(&rows, |(_, r)| r.deficiency_a)),
-            ("deficiency_aj", integers(&rows, |(_, r)| r.deficiency_aj)),
-        ],
-    )
+fn sensitivities<'o>() -> Vec<Column<Line<'o, SensitivityRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        C::text("muscle", "name of the muscle", |l| Some(l.row.muscle.clone())),
+        C::text("parameter", "`mu`, or the path of a number of the model", |l| Some(l.row.parameter.clone())),
+        C::number("parameter_value", "unit of the parameter", "its value in this job", |l| Some(l.row.parameter_value)),
+        C::number("mean_force_slope", "N per unit of the parameter", "∂(mean force)/∂(parameter)", |l| {
+            Some(l.row.mean_force_slope)
+        }),
+        C::number("elasticity", "1", "% of mean force per % of the parameter; null for a force of 0", |l| {
+            l.row.elasticity
+        }),
+    ]
 }
 
-fn trajectories(finished: &[(&Job, &Outcome)]) -> Table {
-    let rows = each(finished, |o| &o.trajectories);
-    table(
-        "trajectories",
-        vec![
-            ("job_id", texts(&rows, |(of, _)| Some(of.job.to_owned()))),
-            ("time_s", numbers(&rows, |(_, r)| Some(r.time_s))),
-            ("signal", texts(&rows, |(_, r)| Some(r.signal.clone()))),
-            ("name", texts(&rows, |(_, r)| Some(r.name.clone()))),
-            ("value", numbers(&rows, |(_, r)| Some(r.value))),
-            ("end_effect", flags(&rows, |(_, r)| Some(r.end_effect))),
-        ],
-    )
+fn optima<'o>() -> Vec<Column<Line<'o, OptimumRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        C::number("objective", "1", "lowest objective of the starts that ended there", |l| Some(l.row.objective)),
+        C::integer("starts", "how many starts ended there", |l| Some(l.row.starts)),
+        C::text("idle", "muscles without activation, separated by `, `", |l| Some(l.row.idle.clone())),
+        C::integer("deficiency_a", "as in `regularity`, at this optimum", |l| l.row.deficiency_a),
+        C::integer("deficiency_aj", "as in `regularity`, at this optimum", |l| l.row.deficiency_aj),
+    ]
 }
 
-/// Unit of a column, for the file metadata: of a swept number of the model by the last key of its path.
-pub fn unit(column: &str) -> &'static str {
-    let by_ending = [
-        ("_scale", "1"),
-        ("_per_s", "optimal fibre lengths/s"),
-        ("max_shortening_velocity", "optimal fibre lengths/s"),
-        ("_n_s", "N s"),
-        ("_n", "N"),
-        ("_hz", "Hz"),
-        ("_deg", "degree"),
-        ("_rad", "rad"),
-        ("_m", "m"),
-        ("_s", "s"),
-        (".mass", "kg"),
-        (".inertia", "kg m²"),
-        ("_isometric_force", "N"),
-        ("_length", "m"),
-        ("ation_time", "s"),
-        (".moment", "N m"),
-    ];
-    match column {
-        "effort" | "effort_mesh_error" | "h" => "s",
-        "min_fibre_length" | "max_fibre_length" => "optimal fibre lengths",
-        "max_constraint_velocity" => "m/s, rad/s",
-        "mean_force_slope" => "N per unit of the parameter",
-        "ringing" => "optimal fibre lengths/s",
-        "noise_sd" => "m, rad",
-        _ if column.contains("point.") || column.contains("centre_of_mass.") => "m",
-        _ if column.starts_with("gravity.") => "m/s²",
-        _ if column.contains(".force.") => "N",
-        _ => by_ending.iter().find(|(ending, _)| column.ends_with(ending)).map_or("1", |(_, unit)| unit),
-    }
+fn trajectories<'o>() -> Vec<Column<Line<'o, TrajectoryRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        C::number("time_s", "s", "by the clock of the motion file", |l| Some(l.row.time_s)),
+        C::text(
+            "signal",
+            "`coordinate`, `measured`, `acceleration` (body coordinates: m, rad and Euler parameters), \
+             `joint_coordinate`, `measured_joint_coordinate` (m, rad), `activation`, `excitation` (1), `fibre_length` \
+             (optimal fibre lengths), `fibre_velocity` (optimal fibre lengths/s), `force_n`, `reaction_n` (N), \
+             `path_point_m`, `bone_point_m` (m), `bound_active` (0 or 1)",
+            |l| Some(l.row.signal.clone()),
+        ),
+        C::text("name", "of the coordinate, muscle, joint or bound", |l| Some(l.row.name.clone())),
+        C::number("value", "by signal", "value at that time, in the unit of its signal", |l| Some(l.row.value)),
+        C::flag(
+            "end_effect",
+            "reactions and accelerations of the first and last four points, which ring (midpoint)",
+            |l| Some(l.row.end_effect),
+        ),
+    ]
 }

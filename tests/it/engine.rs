@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use sinew::outcome::{Outcome, Status};
-use sinew::run::{Ended, RunOptions, run, run_with};
+use sinew::run::{Ended, RunOptions, run, run_with, task};
 use sinew::solve::{solve, solve_from};
 use sinew::study::{Job, Study};
 use sinew::tables::{Table, Values, read, schema};
@@ -48,7 +48,7 @@ fn a_panic_is_a_row_and_the_others_go_on() {
     let out = folder.path().join("out");
     let report = run_with(&study, &options(&out, 2), &AtomicBool::new(false), &|study, job, before| {
         assert!(job.index != 2, "job number {}", job.index);
-        solve_from(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points, before)
+        solve_from(task(study, job, &study.model_of(job).unwrap()), before)
     })
     .unwrap();
     assert_eq!((report.finished, report.failed), (6, 1));
@@ -71,7 +71,7 @@ fn a_run_goes_on_where_it_was_cut_off() {
         if done.fetch_add(1, Ordering::Relaxed) + 1 == 2 {
             stop.store(true, Ordering::Relaxed);
         }
-        solve_from(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points, before)
+        solve_from(task(study, job, &study.model_of(job).unwrap()), before)
     };
     let report = run_with(&study, &options(&cut, 1), &stop, &count).unwrap();
     assert_eq!((report.ended, report.finished), (Ended::Interrupted, 2));

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use sinew::outcome::{Outcome, Status};
-use sinew::run::{Ended, RunOptions, Shard, collect, run, run_with};
+use sinew::run::reasons::{Reason, reasons};
+use sinew::run::{Ended, RunOptions, Shard, collect, run, run_with, task};
 use sinew::solve::solve_from;
 use sinew::study::Study;
 use sinew::tables::read;
@@ -343,7 +344,7 @@ fn failed_jobs_are_solved_by_continuation_in_steps() {
             return (Outcome::failed(Status::Stalled, "too far"), None);
         }
         *at.lock().unwrap() = mu;
-        solve_from(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points, before)
+        solve_from(task(study, job, &study.model_of(job).unwrap()), before)
     };
     let report = run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
     assert_eq!((report.finished, report.failed), (4, 1), "{seen:?}");
@@ -443,4 +444,35 @@ fn a_line_of_absurd_length_is_damage() {
         let run = sinew(&["run", "study.toml", "--out", "out"], at);
         assert!(run.status.success() && tables(&at.join("out")) == before, "{absurd}: {}", text(&run.stderr));
     }
+}
+
+/// Ranks and trajectories are added to solved jobs without another solve, and are those of a run that had them at once.
+#[test]
+fn a_solved_job_is_completed_not_solved_again() {
+    let text = |settings: &str| {
+        SMALL.replace("regularity = \"optimum\"", settings).replace("{root}", root().to_str().unwrap())
+    };
+    let folder = folder(&[("study.toml", &text("regularity = \"off\""))]);
+    let (path, bare) = study(&folder);
+    let (out, whole) = (folder.path().join("out"), folder.path().join("whole"));
+    run(&bare, &options(&out), &AtomicBool::new(false)).unwrap();
+    std::fs::write(&path, text("regularity = \"optimum\"\ntrajectories = true")).unwrap();
+    let full = Study::load(&path).unwrap();
+    let all = reasons(&full, &out).unwrap();
+    assert!(all.iter().all(|reason| *reason == Reason::Solved), "{all:?}");
+    let report =
+        run_with(&full, &options(&out), &AtomicBool::new(false), &|_, _, _| panic!("nothing to solve")).unwrap();
+    assert_eq!((report.finished, report.failed), (full.jobs.len(), 0));
+    run(&full, &options(&whole), &AtomicBool::new(false)).unwrap();
+    // Counts of work differ: the ranks were taken from other factorisations.
+    let comparable = |out: &Path| {
+        let mut tables = tables(out);
+        tables[0].columns.retain(|(name, _)| name != "factorisations");
+        tables
+    };
+    assert_eq!(comparable(&out), comparable(&whole));
+    // Ranks at every iteration need the iterates.
+    std::fs::write(&path, text("")).unwrap();
+    let every = Study::load(&path).unwrap();
+    assert!(!reasons(&every, &out).unwrap().contains(&Reason::Solved));
 }

@@ -7,7 +7,7 @@ use sinew::nlp::regularity::analyse_dense;
 use sinew::nlp::sqp::{self, SqpSettings};
 use sinew::outcome::Outcome;
 use sinew::solution::Solution;
-use sinew::solve::{discretise, solve, solve_from, transcribe};
+use sinew::solve::{Task, discretise, solve, solve_from, transcribe};
 use sinew::study::settings::{Bounds, RegularityMode, Scheme, Settings};
 use sinew::transcription::collocation::evaluate;
 use sinew::transcription::instant::ACTIVATION;
@@ -37,7 +37,8 @@ fn sensitivities_are_those_of_solving_again() {
         let mut changed = arm.clone();
         changed.muscles[2].tendon_slack_length *= slack;
         let settings = radau(|s| (s.mu, s.bounds) = (mu, Bounds::Activation));
-        let (first, answer) = solve_from(&changed, &table, &settings, 11, None);
+        let (first, answer) =
+            solve_from(Task { model: &changed, motion: &table, settings: &settings, points: 11 }, None);
         (first, answer)
     };
     let (middle, _) = at(0.2, 1.0);

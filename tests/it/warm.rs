@@ -1,6 +1,6 @@
 //! Starts from other answers.
 
-use sinew::solve::{discretise, solve, solve_from, transcribe};
+use sinew::solve::{Task, discretise, solve, solve_from, transcribe};
 use sinew::study::settings::{RegularityMode, Scheme, WarmStart};
 
 use super::support::{measured, model, motion, settings};
@@ -14,7 +14,7 @@ fn an_answer_is_prolonged_exactly() {
         let settings = settings(|s| {
             (s.scheme, s.stages, s.h, s.regularity) = (scheme, stages, 0.1, RegularityMode::Off);
         });
-        let (outcome, answer) = solve_from(&arm, &table, &settings, 11, None);
+        let (outcome, answer) = solve_from(Task { model: &arm, motion: &table, settings: &settings, points: 11 }, None);
         let (instant, same) = discretise(&arm, &settings, 11, table.duration());
         let problem = transcribe(&instant, same.as_ref(), &measured(&settings, &arm, &table, 11), &settings);
         let answer = answer.unwrap();

@@ -1,0 +1,98 @@
+//! Columns of what a study sweeps: one a swept name, in `jobs`.
+
+use super::{Table, Values};
+use crate::study::Study;
+use crate::study::settings::Value;
+
+/// Columns of `jobs` before those of the axes, and the first after them.
+pub const BEFORE_AXES: [&str; 2] = ["job_id", "index"];
+const AFTER_AXES: &str = "status";
+
+/// Names of what a study swept, from its table of jobs.
+pub fn axes(jobs: &Table) -> Vec<String> {
+    let names = jobs.columns.iter().map(|(name, _)| name.clone());
+    names.filter(|name| !BEFORE_AXES.contains(&name.as_str())).take_while(|name| name != AFTER_AXES).collect()
+}
+
+/// Settings that are whole numbers.
+const COUNTS: [&str; 7] =
+    ["stages", "measurement_ratio", "starts", "first_start", "seed", "max_iterations", crate::study::sweep::SAMPLE];
+
+/// Type of a swept column: that of all its values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Integer,
+    Number,
+    Flag,
+    Text,
+}
+
+impl Kind {
+    /// The type of an axis of a study. Real settings are real in every study, whatever values it has of them.
+    pub fn of(study: &Study, axis: usize) -> Self {
+        let values = || study.jobs.iter().filter_map(move |job| job.swept[axis].as_ref());
+        if COUNTS.contains(&study.axes[axis].as_str()) && values().all(|v| matches!(v, Value::Integer(_))) {
+            Kind::Integer
+        } else if values().all(|v| v.number().is_some()) {
+            Kind::Number
+        } else if values().all(|v| matches!(v, Value::Flag(_))) {
+            Kind::Flag
+        } else {
+            Kind::Text
+        }
+    }
+
+    pub fn values(self, values: &[Option<&Value>]) -> Values {
+        match self {
+            Kind::Integer => Values::Integer(
+                (values.iter())
+                    .map(|v| match v {
+                        Some(Value::Integer(i)) => Some(*i),
+                        _ => None,
+                    })
+                    .collect(),
+            ),
+            Kind::Number => Values::Number(values.iter().map(|v| v.and_then(Value::number)).collect()),
+            Kind::Flag => Values::Flag(
+                (values.iter())
+                    .map(|v| match v {
+                        Some(Value::Flag(f)) => Some(*f),
+                        _ => None,
+                    })
+                    .collect(),
+            ),
+            Kind::Text => Values::Text(values.iter().map(|v| v.map(ToString::to_string)).collect()),
+        }
+    }
+}
+
+/// Unit of a swept name: of a setting by its name, of a number of the model by the last key of its path. Empty for
+/// words.
+pub fn unit(name: &str) -> &'static str {
+    const BY_ENDING: [(&str, &str); 13] = [
+        ("_scale", "1"),
+        ("max_shortening_velocity", "optimal fibre lengths/s"),
+        ("_hz", "Hz"),
+        ("_deg", "degree"),
+        ("_rad", "rad"),
+        ("_m", "m"),
+        ("_s", "s"),
+        (".mass", "kg"),
+        (".inertia", "kg m²"),
+        ("_isometric_force", "N"),
+        ("_length", "m"),
+        ("ation_time", "s"),
+        (".moment", "N m"),
+    ];
+    match name {
+        "h" => "s",
+        "memory_limit_mb" => "MB",
+        "noise_sd" => "m, rad",
+        "scheme" | "initial" | "bounds" | "girdle" | "load_sharing_grid" | "warm_start" | "regularity"
+        | "trajectories" => "",
+        _ if name.contains("point.") || name.contains("centre_of_mass.") => "m",
+        _ if name.starts_with("gravity.") => "m/s²",
+        _ if name.contains(".force.") => "N",
+        _ => BY_ENDING.iter().find(|(ending, _)| name.ends_with(ending)).map_or("1", |(_, unit)| unit),
+    }
+}
