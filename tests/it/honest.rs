@@ -167,7 +167,7 @@ fn numbers_that_a_muscle_lacks_are_those_of_opensim_and_a_path_has_a_length() {
         "/ground</socket_parent_frame><location>0.03 0.3 0",
         "/bodyset/fore</socket_parent_frame><location>0.015 -0.045 0",
     );
-    assert!(refused(nil).contains("the path has no length between them"));
+    assert!(refused(nil).contains("the path has zero length between them"));
 }
 
 /// What refers to a wrapping object, or to a part of a path by its number, goes on to mean the same; what is switched off is no loss.
