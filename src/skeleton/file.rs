@@ -99,6 +99,7 @@ pub struct ForceEntry {
     pub point: [f64; 3],
     /// In the axes of the ground, N.
     pub force: Option<[f64; 3]>,
+    /// Factor on the force.
     #[serde(default = "one")]
     pub scale: f64,
 }
@@ -107,13 +108,17 @@ fn one() -> f64 {
     1.0
 }
 
+/// The rotation by which a study adds abduction to the motion.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AbductionEntry {
+    /// The body that turns, with everything attached to it.
     pub body: String,
+    /// The body that carries the axis.
     pub against: String,
-    /// In the axes of `against`.
+    /// Axis of rotation, in the axes of `against`.
     pub axis: [f64; 3],
+    /// Long axis of `body`, in its own axes. Its angle about `axis` is the abduction that is reported.
     pub long_axis: [f64; 3],
 }
 

@@ -41,7 +41,7 @@ pub struct Skeleton {
     pub forces: Vec<Force>,
     /// Gravitational acceleration, m/s².
     pub gravity: [f64; 3],
-    /// What turns when a study adds abduction to the motion.
+    /// The rotation by which a study adds abduction to the motion.
     pub abduction: Option<Abduction>,
 }
 
@@ -85,13 +85,15 @@ pub struct Force {
     pub point: [f64; 3],
     /// Constant force, N; taken from the motion file if `None`.
     pub force: Option<[f64; 3]>,
+    /// Factor on the force.
     pub scale: f64,
 }
 
-/// A rotation of a body and everything attached to it: about its joint, around an axis of another body.
+/// A rotation of a body, and of everything attached to it, around the body's joint about an axis of another body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Abduction {
     pub body: usize,
+    /// The body that carries the axis.
     pub against: usize,
     /// In the axes of `against`.
     pub axis: [f64; 3],
