@@ -1,19 +1,19 @@
-//! OpenSim's functions of one coordinate.
+//! Reads OpenSim's functions of one coordinate.
 
 use super::document::Element;
 use crate::error::Result;
 use crate::skeleton::function::FunctionEntry;
 
-/// Functions within functions, at most.
-const DEPTH: usize = 20;
+/// Maximum nesting of functions.
+const MAX_DEPTH: usize = 20;
 
-/// A function element; `None` for a kind that Sinew has not.
+/// Reads a function element; `None` if its kind is not supported.
 ///
 /// # Errors
-/// If its numbers are none.
+/// If a number is not valid, or functions are nested too deep.
 pub fn function(element: Element<'_>) -> Result<Option<FunctionEntry>> {
     let (mut element, mut scale) = (element, 1.0);
-    for _ in 0..DEPTH {
+    for _ in 0..MAX_DEPTH {
         if element.tag() != "MultiplierFunction" {
             return Ok(plain(element)?.map(|function| scaled(function, scale)));
         }
@@ -21,25 +21,27 @@ pub fn function(element: Element<'_>) -> Result<Option<FunctionEntry>> {
         let Some(inner) = element.child("function").and_then(|f| f.children().next()) else { return Ok(None) };
         element = inner;
     }
-    Err(element.error("functions within functions, too deep", "write the function itself"))
+    Err(element.error("functions are nested too deep", "write the function itself"))
 }
 
-/// The function of an element: its child `<function>` holds it (before version 4), or is it.
+/// Reads the function `tag` of an element: the content of the child `<tag>` or, depending on the version, the child
+/// named `tag`. `None` if it is absent or not supported.
 ///
 /// # Errors
-/// If its numbers are none.
+/// As for [`function`].
 pub fn function_of(owner: Element<'_>, tag: &str) -> Result<Option<FunctionEntry>> {
     let held = owner.child(tag).and_then(|f| f.children().next());
     let found = held.or_else(|| owner.children().find(|child| child.name() == tag && child.tag() != tag));
     found.map_or(Ok(None), function)
 }
 
+/// Reads a function other than a `MultiplierFunction`.
 fn plain(element: Element<'_>) -> Result<Option<FunctionEntry>> {
     let points = || -> Result<Vec<[f64; 2]>> {
         let (x, y) = (element.numbers("x")?.unwrap_or_default(), element.numbers("y")?.unwrap_or_default());
         if x.len() != y.len() {
-            let message = format!("{} values of x and {} of y", x.len(), y.len());
-            return Err(element.error(message, "a function has as many of one as of the other"));
+            let message = format!("{} values of x, but {} of y", x.len(), y.len());
+            return Err(element.error(message, "x and y must have the same number of values"));
         }
         Ok(x.into_iter().zip(y).map(|(x, y)| [x, y]).collect())
     };
@@ -62,6 +64,7 @@ fn plain(element: Element<'_>) -> Result<Option<FunctionEntry>> {
     })
 }
 
+/// The function times `scale`.
 fn scaled(function: FunctionEntry, scale: f64) -> FunctionEntry {
     let points = |points: Vec<[f64; 2]>| points.into_iter().map(|[x, y]| [x, scale * y]).collect();
     match function {

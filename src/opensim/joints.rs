@@ -1,4 +1,4 @@
-//! Bodies, joints with their coordinates, and constraints.
+//! Reads bodies, joints with their coordinates, and constraints.
 
 use super::document::Element;
 use super::frames::{Frames, Placed};
@@ -14,9 +14,13 @@ use crate::skeleton::function::FunctionEntry;
 
 const UNITS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// Of a body whose file gives none, kg. DEPARTURE: OpenSim 4 has no default.
+/// Mass of a body whose file gives none, kg. DEPARTURE: OpenSim 4 has no default.
 const MASS: f64 = 1.0;
 
+/// Reads a body.
+///
+/// # Errors
+/// If a number is not valid.
 pub fn body(element: Element<'_>, notes: &mut Notes) -> Result<BodyEntry> {
     let one = |tag: &str| Ok::<f64, crate::error::Error>(element.number(tag)?.unwrap_or(0.0));
     let inertia = match element.vector::<6>("inertia")? {
@@ -32,7 +36,7 @@ pub fn body(element: Element<'_>, notes: &mut Notes) -> Result<BodyEntry> {
     };
     let mass = element.number("mass")?;
     if mass.is_none() {
-        notes.changed(&format!("body {}", element.name()), format!("its file gives no mass: {MASS} kg is assumed"));
+        notes.changed(&format!("body {}", element.name()), format!("no mass is given: {MASS} kg is assumed"));
     }
     Ok(BodyEntry {
         name: element.name().to_owned(),
@@ -43,20 +47,20 @@ pub fn body(element: Element<'_>, notes: &mut Notes) -> Result<BodyEntry> {
     })
 }
 
-/// A joint of a model, wherever its version writes it: in a set of joints, or in the body that it moves.
+/// A joint element. Depending on the version, it is part of the joint set or of the body that it moves.
 pub struct Found<'d> {
     pub element: Element<'d>,
-    /// The body that it is written in.
+    /// The enclosing body, if any.
     pub within: Option<&'d str>,
 }
 
-/// What came of a joint.
+/// A joint that was read, with its coordinates.
 pub struct Joint {
     pub entry: JointEntry,
     pub coordinates: Vec<CoordinateEntry>,
 }
 
-/// Kinds of joint that can be read.
+/// Supported kinds of joint.
 const KINDS: [&str; 10] = [
     "WeldJoint",
     "PinJoint",
@@ -70,17 +74,23 @@ const KINDS: [&str; 10] = [
     "ScapulothoracicJoint",
 ];
 
+/// Checks that all joints are of a supported kind.
+///
 /// # Errors
-/// If there are joints of other kinds: all of them, at the first.
+/// One error that names all unsupported joints, located at the first.
 pub fn check_kinds(joints: &[Found<'_>]) -> Result<()> {
     let unknown: Vec<&Found<'_>> = joints.iter().filter(|found| !KINDS.contains(&found.element.tag())).collect();
     let Some(first) = unknown.first() else { return Ok(()) };
     let name = |found: &&Found<'_>| format!("{} `{}`", found.element.tag(), found.element.name());
     let names = unknown.iter().map(name).collect::<Vec<_>>().join(", ");
-    let help = format!("describe the motion by a joint of a kind that is: {}", KINDS.join(", "));
+    let help = format!("describe the motion by a supported kind of joint: {}", KINDS.join(", "));
     Err(first.element.error(format!("not supported: {names}"), &help))
 }
 
+/// Reads a joint and its coordinates. The kind must have passed [`check_kinds`].
+///
+/// # Errors
+/// If a frame is missing or unknown, or a number is not valid.
 pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> Result<Joint> {
     let element = found.element;
     let name = if element.name().is_empty() { found.within.unwrap_or("joint") } else { element.name() };
@@ -123,17 +133,18 @@ pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> R
             let origin = element.numbers("scapula_winging_axis_origin")?.unwrap_or_default();
             let direction = element.number("scapula_winging_axis_direction")?.unwrap_or(0.0);
             if direction != 0.0 || origin.iter().any(|x| *x != 0.0) {
-                let lost = "winging turns about the y-axis through the joint's point: its own origin and direction are ignored";
+                let lost = "the origin and direction of the winging axis are ignored: winging turns about the y-axis \
+                            through the joint's origin";
                 notes.changed(&format!("joint {name}"), lost);
             }
         }
-        _ => unreachable!("`check_kinds` has seen all joints"),
+        _ => unreachable!("`check_kinds` has passed all joints"),
     }
     if entry.kind == JointEntryKind::Axes && entry.rotations.is_empty() && entry.translations.is_empty() {
         entry.kind = JointEntryKind::Weld;
     }
     if element.flag("reverse", false) {
-        let lost = "reversed joints (`reverse`) are not supported: its motion is not that of OpenSim";
+        let lost = "`reverse` is not supported: the motion of the joint differs from OpenSim's";
         notes.lost(&format!("joint {name}"), lost);
     }
     (entry.parent_point, entry.parent_rotation) = parent.point_and_rotation();
@@ -142,20 +153,20 @@ pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> R
     Ok(Joint { entry, coordinates })
 }
 
-/// Frames of parent and child.
+/// Joint frames on the parent and on the child.
 fn ends<'d>(frames: &Frames<'d>, found: &Found<'d>, name: &str) -> Result<(Placed<'d>, Placed<'d>)> {
     let element = found.element;
     let Some(within) = found.within else {
         let end = |socket: &str| {
             let path = element.reference(socket, &[]);
-            let lacks = || element.error(format!("the joint has no {socket}"), "name it in its sockets");
+            let lacks = || element.error(format!("the joint has no {socket}"), "name the frame in its sockets");
             frames.find(element, path.ok_or_else(lacks)?, name)
         };
         return Ok((end("parent_frame")?, end("child_frame")?));
     };
-    // Before version 4: points and rotations are the joint's own.
+    // Before version 4, the joint itself gives the points and rotations of its frames.
     let Some(parent) = element.text("parent_body") else {
-        return Err(element.error("the joint has no <parent_body>", "name the body that it hangs on"));
+        return Err(element.error("the joint has no <parent_body>", "name the parent body"));
     };
     let placed = |body: Placed<'d>, point: &str, rotation: &str| -> Result<Placed<'d>> {
         let point = element.vector(point)?.unwrap_or_default();
@@ -165,6 +176,7 @@ fn ends<'d>(frames: &Frames<'d>, found: &Found<'d>, name: &str) -> Result<(Place
     Ok((parent, placed(Placed::on(within), "location", "orientation")?))
 }
 
+/// Reads the coordinates of a joint.
 fn coordinates<'d>(reader: &Reader<'d>, joint: Element<'d>, notes: &mut Notes) -> Result<Vec<CoordinateEntry>> {
     let elements = joint.objects(&["coordinates", "CoordinateSet"]);
     let coordinate = |element: &Element<'d>| {
@@ -180,14 +192,15 @@ fn coordinates<'d>(reader: &Reader<'d>, joint: Element<'d>, notes: &mut Notes) -
     elements.iter().filter(|element| element.tag() == "Coordinate").map(coordinate).collect()
 }
 
-/// Coordinates that axes name and no element describes are at 0, and those that move nothing fall away.
+/// The coordinates that the joint uses. Those that no element describes get a default of 0; those that the joint does
+/// not use are dropped with a note.
 fn complete(entry: &JointEntry, described: Vec<CoordinateEntry>, notes: &mut Notes) -> Vec<CoordinateEntry> {
     let axes = entry.rotations.iter().chain(&entry.translations).map(|axis| &axis.coordinate);
     let mut used: Vec<&String> = axes.chain(entry.coordinates.iter().flatten()).collect();
     let mut seen = std::collections::HashSet::new();
     used.retain(|name| seen.insert(name.as_str()));
-    for left in described.iter().filter(|coordinate| !seen.contains(coordinate.name.as_str())) {
-        notes.remark(&format!("coordinate {}", left.name), "left out: it moves nothing");
+    for unused in described.iter().filter(|coordinate| !seen.contains(coordinate.name.as_str())) {
+        notes.remark(&format!("coordinate {}", unused.name), "left out: no joint uses it");
     }
     let new =
         |name: &String| CoordinateEntry { name: name.clone(), default: 0.0, locked: false, range: None, follows: None };
@@ -195,8 +208,10 @@ fn complete(entry: &JointEntry, described: Vec<CoordinateEntry>, notes: &mut Not
     used.into_iter().map(|name| find(name).unwrap_or_else(|| new(name))).collect()
 }
 
-/// Translations along axes of the parent, then three rotations. What is constant goes into the frames: a translation into the parent's, a
-/// rotation C first past those after it, C R(a, q) = R(C a, q) C, and then into the child's.
+/// Reads the axes of a custom joint: translations along axes of the parent's joint frame, then three rotations.
+///
+/// Constant parts go into the frames: a translation into the parent's; a rotation C is moved past the rotations after
+/// it by C R(a, q) = R(C a, q) C, and then goes into the child's.
 fn custom<'d>(
     element: Element<'d>,
     entry: &mut JointEntry,
@@ -204,12 +219,12 @@ fn custom<'d>(
     notes: &mut Notes,
 ) -> Result<()> {
     let (rotations, translations) = transforms(element, notes)?;
-    let mut turned: Frame<f64> = Frame::identity();
+    let mut constant: Frame<f64> = Frame::identity();
     for transform in &rotations {
-        let axis = turned.point(&transform.axis);
+        let axis = constant.point(&transform.axis);
         let (offset, moving) = transform.split();
         if offset != 0.0 {
-            turned = turned * Frame::rotation(transform.axis, offset);
+            constant = constant * Frame::rotation(transform.axis, offset);
         }
         entry.rotations.extend(moving.map(|moving| moving.along(axis)));
     }
@@ -222,20 +237,21 @@ fn custom<'d>(
     if shift != [0.0; 3] {
         *parent = parent.then(Frame { origin: shift, ..Frame::identity() });
     }
-    if turned != Frame::identity() {
-        *child = child.then(turned.inverse());
+    if constant != Frame::identity() {
+        *child = child.then(constant.inverse());
     }
     Ok(())
 }
 
-/// An axis of a custom joint, and what moves along or about it.
+/// An axis of a custom joint, and the function (m or rad) of a coordinate that drives it.
 struct Transform<'d> {
     axis: [f64; 3],
     coordinate: Option<&'d str>,
     function: FunctionEntry,
 }
 
-/// What is left of a transform without its constant part: the coordinate, in the axis' direction or against it, by a function.
+/// The part of a transform that is not constant: a coordinate, with the sign of the axis and a function (`None`: the
+/// coordinate itself).
 struct Moving<'d> {
     coordinate: &'d str,
     sign: f64,
@@ -249,6 +265,7 @@ impl Moving<'_> {
 }
 
 impl<'d> Transform<'d> {
+    /// Splits the function into its constant and the rest, if there is a rest.
     fn split(&self) -> (f64, Option<Moving<'d>>) {
         let coefficients = match &self.function {
             FunctionEntry::Polynomial(c) => c,
@@ -270,7 +287,7 @@ impl<'d> Transform<'d> {
     }
 }
 
-/// Rotations and translations of a custom joint, in their order.
+/// Rotations and translations of a custom joint, each in the order of the file.
 fn transforms<'d>(element: Element<'d>, notes: &mut Notes) -> Result<(Vec<Transform<'d>>, Vec<Transform<'d>>)> {
     let axes: Vec<Element<'d>> = match element.child("SpatialTransform") {
         Some(transform) => transform.children().filter(|child| child.tag() == "TransformAxis").collect(),
@@ -283,20 +300,18 @@ fn transforms<'d>(element: Element<'d>, notes: &mut Notes) -> Result<(Vec<Transf
         let coordinate = names.next();
         let function = match (function_of(axis, "function")?, axis.has_function(), coordinate) {
             (Some(function), _, _) => function,
-            // Without a function the coordinate itself; without a coordinate nothing moves.
+            // Without a function, the coordinate itself drives the axis; without a coordinate, nothing does.
             (None, false, Some(_)) => FunctionEntry::Polynomial(vec![0.0, 1.0]),
             (None, false, None) => FunctionEntry::Polynomial(vec![0.0]),
             (None, true, _) => {
-                let lost = format!(
-                    "the function of the axis {} is of a kind that is not supported: nothing moves along it",
-                    axis.name()
-                );
+                let lost =
+                    format!("the function of axis {} is of an unsupported kind: the axis does not move", axis.name());
                 notes.lost(&format!("joint {}", element.name()), lost);
                 FunctionEntry::Polynomial(vec![0.0])
             }
         };
         if names.next().is_some() {
-            let lost = format!("the axis {} is driven by several coordinates: only the first is taken", axis.name());
+            let lost = format!("axis {} is driven by several coordinates: only the first is used", axis.name());
             notes.lost(&format!("joint {}", element.name()), lost);
         }
         let Some(direction) = axis.vector::<3>("axis")? else {
@@ -312,7 +327,11 @@ fn transforms<'d>(element: Element<'d>, notes: &mut Notes) -> Result<(Vec<Transf
     Ok((rotations, translations))
 }
 
-/// What constraints beside the joints become: points held together, and coordinates that follow others.
+/// Reads a constraint. A point constraint becomes a held point; a coordinate coupler makes a coordinate follow another.
+/// Other kinds are noted as lost.
+///
+/// # Errors
+/// If a point constraint names no body or an unknown one, or a number is not valid.
 pub fn constraint<'d>(
     frames: &Frames<'d>,
     element: Element<'d>,
@@ -322,10 +341,10 @@ pub fn constraint<'d>(
 ) -> Result<()> {
     let name = format!("constraint {}", element.name());
     if !element.flag("isEnforced", true) || element.flag("isDisabled", false) {
-        notes.remark(&name, "left out: it is switched off in the model");
+        notes.remark(&name, "left out: disabled in the model");
         return Ok(());
     }
-    let lost = "left out: what it holds together is free to part";
+    let lost = "left out: this kind of constraint is not supported, so that the parts it connects can move apart";
     match element.tag() {
         "PointConstraint" => {
             let end = |socket: &str, older: &str, point: &str| -> Result<(String, [f64; 3])> {
@@ -350,10 +369,7 @@ pub fn constraint<'d>(
                 ([leader], Some(follower), Some(by)) if known => {
                     follower.follows = Some(FollowsEntry { coordinate: (*leader).to_owned(), by });
                 }
-                _ => notes.lost(
-                    &name,
-                    "left out: it couples several coordinates, or by a function of a kind that is not supported",
-                ),
+                _ => notes.lost(&name, "left out: a coupler must relate two known coordinates by a supported function"),
             }
         }
         _ => notes.lost(&format!("{name} ({})", element.tag()), lost),
@@ -361,8 +377,8 @@ pub fn constraint<'d>(
     Ok(())
 }
 
-/// Bodies that move as given: those welded to the ground (or locked there), and floating bases: those with a free joint to the ground, in space
-/// or in a plane.
+/// Gives the role "given" to bodies that are welded or locked to the ground, and to floating bases: bodies with a free
+/// joint to the ground, in space or in a plane.
 pub fn assign_roles(
     bodies: &mut [BodyEntry],
     joints: &[JointEntry],
@@ -380,15 +396,16 @@ pub fn assign_roles(
             let still =
                 joint.kind == JointEntryKind::Weld || (joint.kind == JointEntryKind::Axes && moving.next().is_none());
             let axes: Vec<&AxisEntry> = joint.rotations.iter().chain(&joint.translations).collect();
-            let own: std::collections::HashSet<&str> = axes.iter().map(|axis| axis.coordinate.as_str()).collect();
-            let is_free = axes.iter().all(|axis| axis.by.is_none()) && own.len() == axes.len();
-            let freedoms = (joint.rotations.len(), joint.translations.len());
-            let floats = parent == GROUND && is_free && [(3, 3), (1, 2)].contains(&freedoms);
+            let distinct: std::collections::HashSet<&str> = axes.iter().map(|axis| axis.coordinate.as_str()).collect();
+            let is_free = axes.iter().all(|axis| axis.by.is_none()) && distinct.len() == axes.len();
+            let axis_counts = (joint.rotations.len(), joint.translations.len());
+            let floats = parent == GROUND && is_free && [(3, 3), (1, 2)].contains(&axis_counts);
             if (still || floats) && !given.contains(&joint.child) {
                 given.push(joint.child.clone());
             }
             if floats && !still {
-                let lost = "its joint to the ground is free: its role is \"given\", it moves as the motion file says and no residual forces are computed";
+                let lost = "it has a free joint to the ground: its role is \"given\", so that it moves as the motion \
+                            file says, and no residual forces are computed";
                 notes.remark(&format!("body {}", joint.child), lost);
             }
         }

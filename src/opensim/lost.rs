@@ -1,53 +1,53 @@
-//! What a model has and Sinew does not, by name or in one line a kind, with what that means.
+//! Notes what a model has and Sinew does not support, by name or in one line per kind, and what that means for results.
 
 use indexmap::IndexMap;
 
 use super::document::Element;
 use super::{Notes, Parts, Weight, muscles};
 
-/// Kinds of force that stand among a model's components, beside muscles.
+/// True if a component of a model is a force, by its tag.
 pub fn is_force(tag: &str) -> bool {
     ["Force", "Actuator", "Motor", "Ligament", "Muscle"].iter().any(|ending| tag.ends_with(ending))
         || tag.starts_with("Blankevoort")
 }
 
-/// Forces that are not muscles, in one line a kind.
+/// Notes forces that are not muscles, in one line per kind.
 pub fn forces<'d>(forces: impl Iterator<Item = Element<'d>>, notes: &mut Notes) {
     for (tag, names) in by_kind(forces) {
         notes.lost(&format!("{tag} {}", names.join(", ")), meaning(tag));
     }
 }
 
-/// What it means that a kind of force is not there.
+/// What it means for results that a kind of force is left out.
 fn meaning(tag: &str) -> &'static str {
     let has = |parts: &[&str]| parts.iter().any(|part| tag.contains(part));
     if has(&["HuntCrossley", "ElasticFoundation", "HalfSpace", "Contact", "Meyer"]) {
-        "left out: there are no contact forces; the force of the ground must come with the motion, as a [[force]]"
+        "left out: contact forces are not supported; supply the ground reaction with the motion, as a [[force]]"
     } else if has(&["Actuator", "Motor"]) {
-        "left out: there are no reserve or residual actuators, the muscles alone make the motion"
+        "left out: reserve and residual actuators are not supported; the muscles alone produce the motion"
     } else if tag == "ExternalForce" || tag == "PrescribedForce" {
-        "left out: add a [[force]] with columns in the motion file, or the motion lacks it"
+        "left out: add a [[force]] with columns in the motion file, or the force is missing"
     } else if tag.contains("Muscle") {
-        "left out: this kind of muscle is not supported; the other muscles make up for it"
+        "left out: this kind of muscle is not supported; the other muscles compensate for it"
     } else {
-        "left out: this passive force is not supported; the muscles make up for it"
+        "left out: this passive force is not supported; the muscles compensate for it"
     }
 }
 
-/// The names of the elements of each tag.
+/// Names of the elements, grouped by tag.
 fn by_kind<'d>(elements: impl Iterator<Item = Element<'d>>) -> IndexMap<&'d str, Vec<&'d str>> {
     let mut kinds: IndexMap<&str, Vec<&str>> = IndexMap::new();
     elements.for_each(|element| kinds.entry(element.tag()).or_default().push(element.name()));
     kinds
 }
 
-/// What else has no counterpart, in one line a kind.
+/// Notes everything else that has no counterpart, in one line per kind.
 pub fn others(model: Element<'_>, parts: &Parts<'_>, notes: &mut Notes) {
     for (set, weight, lost) in [
-        ("ControllerSet", Weight::Remark, "left out: excitations are what a study finds"),
-        ("ContactGeometrySet", Weight::Remark, "left out: without contact forces they do nothing"),
-        ("ProbeSet", Weight::Remark, "left out: no influence on results"),
-        ("MarkerSet", Weight::Remark, "left out: no influence on results"),
+        ("ControllerSet", Weight::Remark, "left out: a study computes the excitations itself"),
+        ("ContactGeometrySet", Weight::Remark, "left out: no effect without contact forces"),
+        ("ProbeSet", Weight::Remark, "left out: no effect on results"),
+        ("MarkerSet", Weight::Remark, "left out: no effect on results"),
     ] {
         for (tag, names) in by_kind(parts.holders.iter().flat_map(|holder| holder.objects(&[set]))) {
             notes.add(&format!("{} {tag} of {set}", names.len()), lost, weight);
@@ -66,14 +66,13 @@ pub fn others(model: Element<'_>, parts: &Parts<'_>, notes: &mut Notes) {
         );
     }
     for (tag, names) in by_kind(parts.forces.iter().copied().filter(|force| muscles::is_muscle(*force))) {
-        let lost = "curves of force over length, velocity and tendon strain are Sinew's: shape parameters, minimum activation and damping are ignored, so that forces at a given state differ";
+        let lost = "Sinew's own force–length, force–velocity and tendon curves are used: shape parameters, minimum \
+                    activation and damping are ignored, so that forces at a given state differ";
         notes.changed(&format!("{} {tag}", names.len()), lost);
     }
     let ranges = model.descendants("Coordinate").filter(|c| c.flag("clamped", false)).count();
     if ranges > 0 {
-        notes.remark(
-            &format!("ranges of {ranges} clamped coordinate(s)"),
-            "ignored: nothing holds a coordinate in its range",
-        );
+        notes
+            .remark(&format!("ranges of {ranges} clamped coordinate(s)"), "ignored: coordinates may leave their range");
     }
 }

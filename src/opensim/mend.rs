@@ -1,4 +1,5 @@
-//! What OpenSim lets pass and Sinew's models cannot have, mended with a note each.
+//! Corrects what OpenSim accepts and Sinew does not: bodies without mass or inertia, repeated names, missing wrapping
+//! surfaces and repeated path points. Each correction leaves a note.
 
 use std::collections::HashSet;
 
@@ -6,28 +7,30 @@ use super::Notes;
 use crate::skeleton::Role;
 use crate::skeleton::file::{BodyEntry, SkeletonFile};
 
-/// Mass of a massless body that moves by forces, kg, and the radius of gyration of one whose inertia is none, m.
+/// Mass given to a massless body that moves by forces, kg.
 const SMALL_MASS: f64 = 0.01;
+/// Radius of gyration about an axis without inertia, m.
 const SMALL_RADIUS: f64 = 0.01;
 
+/// Applies all corrections.
 pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
     file.body.iter_mut().for_each(|body| mend_body(body, notes));
-    distinguish("joint", file.joint.iter_mut().map(|joint| &mut joint.name), notes);
-    distinguish("constraint", file.held_point.iter_mut().map(|held| &mut held.name), notes);
-    distinguish("muscle", file.muscle.iter_mut().map(|muscle| &mut muscle.name), notes);
-    distinguish("wrapping object", file.surface.iter_mut().map(|surface| &mut surface.name), notes);
+    make_unique("joint", file.joint.iter_mut().map(|joint| &mut joint.name), notes);
+    make_unique("constraint", file.held_point.iter_mut().map(|held| &mut held.name), notes);
+    make_unique("muscle", file.muscle.iter_mut().map(|muscle| &mut muscle.name), notes);
+    make_unique("wrapping object", file.surface.iter_mut().map(|surface| &mut surface.name), notes);
     let known: HashSet<&str> = file.surface.iter().map(|surface| surface.name.as_str()).collect();
     for muscle in &mut file.muscle {
         let who = format!("muscle {}", muscle.name);
         muscle.surfaces.retain(|obstacle| {
             let name = obstacle.surface();
             if !known.contains(name) {
-                notes.lost(&who, format!("it does not wrap {name}, which is not here"));
+                notes.lost(&who, format!("it does not wrap {name}: this surface was not imported"));
             }
             known.contains(name)
         });
         let before = muscle.path.len();
-        // A path of two equal points is an error of its own.
+        // A path of two coincident points is left as it is: the check of the model reports it.
         let repeated: Vec<usize> =
             (1..before).filter(|&k| before > 2 && muscle.path[k].repeats(&muscle.path[k - 1])).collect();
         repeated.iter().rev().for_each(|&k| drop(muscle.path.remove(k)));
@@ -35,33 +38,41 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
         if muscle.path.len() < before {
             notes.remark(
                 &who,
-                format!("{} point(s) of its path repeat the one before: left out", before - muscle.path.len()),
+                format!("{} path point(s) left out: they repeat the point before", before - muscle.path.len()),
             );
         }
     }
 }
 
-/// Gives the second and later ones of a name a number.
-fn distinguish<'f>(kind: &str, names: impl Iterator<Item = &'f mut String>, notes: &mut Notes) {
+/// Makes names unique by appending a number to the second and later occurrences of a name.
+fn make_unique<'f>(kind: &str, names: impl Iterator<Item = &'f mut String>, notes: &mut Notes) {
     let names: Vec<&mut String> = names.collect();
-    // What refers to a name that is there must go on to find it.
+    // A new name must not be one that exists: references to that one must stay valid.
     let mut taken: HashSet<String> = names.iter().map(|name| name.to_string()).collect();
     let mut seen = HashSet::new();
     for name in names {
         if seen.insert(name.clone()) {
             continue;
         }
-        let own = (2..).map(|k| format!("{name}_{k}")).find(|own| !taken.contains(own)).expect("numbers do not end");
-        notes.remark(&format!("{kind} {name}"), format!("the name occurs more than once; this one is `{own}`"));
+        let own = (2..)
+            .map(|k| format!("{name}_{k}"))
+            .find(|own| !taken.contains(own))
+            .expect("there is always a free number");
+        notes.remark(
+            &format!("{kind} {name}"),
+            format!("the name occurs more than once: this one is renamed to `{own}`"),
+        );
         taken.insert(own.clone());
         *name = own;
     }
 }
 
+/// Gives a body that moves by forces a small mass or inertia where it has none, and drops products of inertia that make
+/// its inertia matrix indefinite.
 fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
     let who = format!("body {}", body.name);
     if body.role == Role::Given {
-        // It moves as given, whatever its mass.
+        // Its motion is given and does not depend on its mass.
         if body.mass == 0.0 || !body.is_physical() {
             (body.mass, body.inertia) = (0.0, [0.0; 6]);
         }
@@ -71,18 +82,18 @@ fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
     if massless {
         body.mass = SMALL_MASS;
     }
-    // A negative one is a mistake, not a lack.
+    // A negative mass or moment of inertia is a mistake: the check of the model reports it.
     if body.mass > 0.0 && !body.is_physical() && body.inertia[..3].iter().all(|&x| x >= 0.0) {
         let [xx, yy, zz, ..] = body.inertia;
         let small = body.mass * SMALL_RADIUS * SMALL_RADIUS;
         let own = [xx, yy, zz].map(|x| if x > 0.0 { x } else { small });
         let none = (0..3).filter(|&i| own[i] != body.inertia[i]).map(|i| ["x", "y", "z"][i]).collect::<Vec<_>>();
         if none.is_empty() {
-            notes.changed(&who, "its inertia makes no positive definite matrix: products of inertia are ignored");
+            notes.changed(&who, "its inertia matrix is not positive definite: the products of inertia are ignored");
         } else if !massless {
             let about = none.join(", ");
             let lost = format!(
-                "no inertia about {about}: {small:.1e} kg m² is taken, which acts only where it turns that way"
+                "no inertia about {about}: {small:.1e} kg m² is assumed, which matters only if it rotates that way"
             );
             notes.changed(&who, lost);
         }
@@ -92,7 +103,7 @@ fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
         let least = body.inertia[..3].iter().fold(f64::INFINITY, |a, &b| a.min(b));
         notes.changed(
             &who,
-            format!("no mass: {SMALL_MASS} kg and {least:.1e} kg m² are taken, since it moves by forces"),
+            format!("no mass: {SMALL_MASS} kg and {least:.1e} kg m² are assumed, because it moves by forces"),
         );
     }
 }

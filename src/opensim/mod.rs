@@ -1,17 +1,23 @@
-//! OpenSim models (`.osim`, versions 1 to 4) as models of Sinew.
+//! Imports OpenSim models (`.osim`, versions 1 to 4).
 //!
-//! [`import`] reads a file into a [`SkeletonFile`], the very thing that a model file is read into, and lists by name what could not be
-//! mapped with what that means for results. Facts about the format: OpenSim's documentation and the files it writes.
+//! [`import`] reads a file into a [`SkeletonFile`], the same type that a model file is read into. What cannot be mapped
+//! is listed by name, with its effect on results. Sources for the format: OpenSim's documentation and the files it
+//! writes.
 //!
 //! | OpenSim | Sinew |
 //! |---|---|
-//! | Body, its inertia | `[[body]]`; welded to the ground, or hanging on it by six coordinates: `role = "given"` |
-//! | Pin, Slider, Universal, Ball, Gimbal, Planar, Free, Weld, Custom, Scapulothoracic joint | `[[joint]]`; constant parts of a custom joint go into its frames |
-//! | Coordinate, locked; CoordinateCouplerConstraint | `[[coordinate]]`, `locked`; `follows` |
+//! | Body | `[[body]]`; `role = "given"` if welded to the ground or on a free joint to it |
+//! | Pin-, Slider-, Universal-, Ball-, GimbalJoint | `[[joint]]` |
+//! | Planar-, Free-, Weld-, ScapulothoracicJoint | `[[joint]]` |
+//! | CustomJoint | `[[joint]]`, with its constant parts in the frames |
+//! | Coordinate, its `locked` | `[[coordinate]]`, `locked` |
+//! | CoordinateCouplerConstraint | `follows` |
 //! | PointConstraint | `[[held_point]]` |
-//! | Thelen2003, Millard2012, DeGrooteFregly2016, Schutte1993, RigidTendon muscle | `[[muscle]]`: its parameters, with Sinew's curves |
+//! | Thelen2003-, Millard2012-, DeGrooteFregly2016Muscle | `[[muscle]]`: its parameters, with Sinew's curves |
+//! | Schutte1993-, RigidTendonMuscle | as above |
 //! | PathPoint, MovingPathPoint, ConditionalPathPoint | `path`: fixed, `moves` or `x`, `y`, `z`, `when` |
-//! | WrapSphere, WrapCylinder, WrapEllipsoid, WrapTorus, the range of a PathWrap | `[[surface]]`, `surfaces` |
+//! | WrapSphere, WrapCylinder, WrapEllipsoid, WrapTorus | `[[surface]]` |
+//! | PathWrap, its range | `surfaces` |
 
 mod document;
 mod frames;
@@ -30,32 +36,35 @@ use crate::error::{Issue, Result, SourceFile};
 use crate::model::file::CurvesEntry;
 use crate::skeleton::file::{GROUND, MusclesEntry, SkeletonFile};
 
-/// A model that was read, and what was not.
+/// An imported model, and notes on what could not be mapped.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub file: SkeletonFile,
     pub notes: Vec<Note>,
 }
 
-/// Something that could not be mapped, and what that means for results.
+/// Something that could not be mapped exactly.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
+    /// The part of the model.
     pub what: String,
+    /// What happened to it, and what that means for results.
     pub lost: String,
     pub weight: Weight,
 }
 
-/// How much a note matters to results, the most first.
+/// How much a note matters for results, the most important first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Weight {
-    /// Something that acts on the model is not there.
+    /// Something that acts on the model is missing.
     Lost,
-    /// Something is there in another form, with other numbers.
+    /// Something was replaced, and numbers differ.
     Changed,
-    /// No number differs.
+    /// No effect on numbers.
     Remark,
 }
 
+/// Notes collected during an import, without duplicates.
 #[derive(Default)]
 struct Notes(Vec<Note>);
 
@@ -83,14 +92,18 @@ impl Notes {
     }
 }
 
-/// What the parts of a file refer to.
+/// Frames and defaults to which the elements of a file refer.
 struct Reader<'d> {
     frames: Frames<'d>,
     defaults: Defaults<'d>,
 }
 
 impl<'d> Reader<'d> {
-    /// A number under one of these tags, from the element or from the file's defaults for its kind.
+    /// The number under the first of these tags that is present, in the element or else in the file's defaults for its
+    /// kind.
+    ///
+    /// # Errors
+    /// If the text is not one finite number.
     fn number(&self, element: Element<'d>, tags: &[&str]) -> Result<Option<f64>> {
         for element in [Some(element), self.defaults.get(element.tag()).copied()].into_iter().flatten() {
             for tag in tags {
@@ -102,13 +115,14 @@ impl<'d> Reader<'d> {
         Ok(None)
     }
 
+    /// Boolean value of a child, or else of the file's defaults for the element's kind, or else `default`.
     fn flag(&self, element: Element<'d>, tag: &str, default: bool) -> bool {
         let fallback = self.defaults.get(element.tag()).map_or(default, |d| d.flag(tag, default));
         element.flag(tag, fallback)
     }
 }
 
-/// Whether a file is an OpenSim model, by its ending.
+/// True if a file is an OpenSim model, by its extension.
 pub fn is_one(file: &SourceFile) -> bool {
     file.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("osim"))
 }
@@ -116,8 +130,8 @@ pub fn is_one(file: &SourceFile) -> bool {
 /// Reads an OpenSim model.
 ///
 /// # Errors
-/// If the file is not XML or not a model, names what is not there, has numbers that are none, joints that are not supported, or describes no
-/// mechanism.
+/// If the file is not valid XML or not a model, refers to something that does not exist, has a number that is not valid
+/// or a joint that is not supported, or does not pass the checks of a model.
 pub fn import(source: &SourceFile) -> Result<Imported> {
     let repaired = repair::repaired(source);
     let file = &*repaired;
@@ -125,8 +139,8 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
     let root = Element { node: document.root_element(), file };
     let model = if root.tag() == "Model" { Some(root) } else { root.child("Model") };
     let Some(model) = model else {
-        let help = "an OpenSim model has a <Model> in an <OpenSimDocument>";
-        return Err(root.error(format!("<{}> holds no <Model>", root.tag()), help));
+        let help = "an OpenSim model consists of a <Model> in an <OpenSimDocument>";
+        return Err(root.error(format!("<{}> contains no <Model>", root.tag()), help));
     };
     let parts = Parts::of(model);
     let bodies: Vec<Element<'_>> = parts.bodies.iter().copied().filter(|body| body.name() != GROUND).collect();
@@ -159,7 +173,7 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
     let (off, forces): (Vec<_>, Vec<_>) = parts.forces.iter().copied().partition(is_off);
     for force in off {
         let kind = if muscles::is_muscle(force) { "muscle" } else { force.tag() };
-        notes.remark(&format!("{kind} {}", force.name()), "left out: it is switched off in the model");
+        notes.remark(&format!("{kind} {}", force.name()), "left out: disabled in the model");
     }
     let (muscles, others): (Vec<_>, Vec<_>) = forces.into_iter().partition(|force| muscles::is_muscle(*force));
     lost::forces(others.into_iter(), &mut notes);
@@ -173,19 +187,20 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
     Ok(Imported { file: read, notes: notes.0 })
 }
 
-/// The elements of a model by kind, wherever its version writes them: in sets, or among its components.
+/// The elements of a model by kind. Depending on the version, they belong to sets or are components.
 struct Parts<'d> {
-    /// The model, and the engine that holds the bodies of version 1.
+    /// The elements that hold the sets: the model and, in version 1, its engine.
     holders: Vec<Element<'d>>,
     bodies: Vec<Element<'d>>,
     joints: Vec<Element<'d>>,
     constraints: Vec<Element<'d>>,
     forces: Vec<Element<'d>>,
-    /// Components of no kind that is known.
+    /// Components of unknown kind.
     others: Vec<Element<'d>>,
 }
 
 impl<'d> Parts<'d> {
+    /// Collects the elements of a model.
     fn of(model: Element<'d>) -> Self {
         let engine = model.child("DynamicsEngine").and_then(|engine| engine.children().next());
         let holders: Vec<Element<'d>> = [Some(model), engine].into_iter().flatten().collect();
@@ -212,12 +227,13 @@ impl<'d> Parts<'d> {
         parts
     }
 
+    /// Gravitational acceleration, m/s².
     fn gravity(&self) -> Result<[f64; 3]> {
         let holder = self.holders.last().expect("the model");
         Ok(holder.vector("gravity")?.unwrap_or([0.0, -9.80665, 0.0]))
     }
 
-    /// Joints with their coordinates, constraints, and the bodies' roles.
+    /// Reads the joints with their coordinates and the constraints, and assigns the roles of the bodies.
     fn read_joints(
         &self,
         reader: &Reader<'d>,
@@ -240,26 +256,27 @@ impl<'d> Parts<'d> {
     }
 }
 
+/// Name of the file without its extension.
 fn stem(source: &SourceFile) -> String {
     source.path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// File, version and hash, and what it says of its authors and licence.
+/// File name, version and hash, and the credits and publications that the file states.
 fn provenance(source: &SourceFile, root: Element<'_>, model: Element<'_>) -> String {
     let file = source.path.file_name().unwrap_or_default().to_string_lossy();
     let version = root.node.attribute("Version").unwrap_or("none");
     let hash = blake3::hash(source.text.as_bytes()).to_hex();
-    let mut said = format!("{file} (OpenSim, version {version}; BLAKE3 {hash})");
+    let mut provenance = format!("{file} (OpenSim, version {version}; BLAKE3 {hash})");
     for (tag, name) in [("credits", "Credits"), ("publications", "Publications")] {
         if let Some(text) = model.text(tag) {
             let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
-            said.push_str(&format!(". {name}: {text}"));
+            provenance.push_str(&format!(". {name}: {text}"));
         }
     }
-    said
+    provenance
 }
 
-/// Joints of a set (version 4), or each within the body that it moves.
+/// All joints: those in the joint set (version 4), and those inside the body that they move (older versions).
 fn joints_of<'d>(set: &[Element<'d>], bodies: &[Element<'d>]) -> Vec<Found<'d>> {
     let mut found: Vec<Found<'d>> = set.iter().map(|&element| Found { element, within: None }).collect();
     for body in bodies {
@@ -269,7 +286,7 @@ fn joints_of<'d>(set: &[Element<'d>], bodies: &[Element<'d>]) -> Vec<Found<'d>> 
     found
 }
 
-/// The error of a model that was imported, at the element it is about.
+/// An issue with an imported model as an error, located at the element that it concerns.
 pub fn error(source: &SourceFile, issue: &Issue) -> crate::error::Error {
     let repaired = repair::repaired(source);
     match document::parse(&repaired) {
@@ -278,6 +295,7 @@ pub fn error(source: &SourceFile, issue: &Issue) -> crate::error::Error {
     }
 }
 
+/// An issue as an error at the element whose name is the second part of its path, if there is one.
 fn at(source: &SourceFile, root: Element<'_>, issue: &Issue) -> crate::error::Error {
     let about = issue.path.get(1).and_then(|name| {
         root.node.descendants().find(|node| node.is_element() && node.attribute("name") == Some(name.as_str()))

@@ -1,4 +1,4 @@
-//! Muscles with their paths, and the surfaces that paths wrap.
+//! Reads muscles with their paths, and wrapping surfaces.
 
 use super::document::Element;
 use super::frames::{Frames, Placed};
@@ -10,7 +10,8 @@ use crate::skeleton::file::{
 };
 use crate::skeleton::function::FunctionEntry;
 
-/// Kinds of muscle, the beginnings of their tags, with the time constants (activation and deactivation, s) that each takes where its file has none.
+/// Supported kinds of muscle by the start of their tag, each with its default time constants of activation and
+/// deactivation, s.
 const KINDS: [(&str, [f64; 2]); 6] = [
     ("Thelen2003Muscle", [0.015, 0.05]),
     ("Millard2012EquilibriumMuscle", [0.01, 0.04]),
@@ -20,14 +21,18 @@ const KINDS: [(&str, [f64; 2]); 6] = [
     ("RigidTendonMuscle", [0.0; 2]),
 ];
 
-/// Whether an element of the set of forces is a muscle.
+/// True if an element of the force set is a supported muscle.
 pub fn is_muscle(element: Element<'_>) -> bool {
     KINDS.iter().any(|(kind, _)| element.tag().starts_with(kind))
 }
 
-/// Optimal fibre lengths a second, where a muscle has no velocity of its own: all kinds' default.
+/// Default maximum shortening velocity of all kinds, optimal fibre lengths per second.
 const VELOCITY: f64 = 10.0;
 
+/// Reads a muscle. Parameters that its file does not give have OpenSim's defaults.
+///
+/// # Errors
+/// If it has no path, a body is unknown, or a number is not valid.
 pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) -> Result<MuscleEntry> {
     let name = element.name();
     let number = |tags: &[&str]| reader.number(element, tags);
@@ -36,7 +41,7 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
     let mut deactivation = number(&["deactivation_time_constant"])?.unwrap_or(times[1]);
     let mut velocity = number(&["max_contraction_velocity", "Vmax"])?.unwrap_or(VELOCITY);
     if element.tag().starts_with("Schutte1993Muscle") {
-        // ȧ = (u − a) (k1 u + k2) / T, and shortening by a fibre length in T.
+        // ȧ = (u − a) (k1 u + k2) / T; the fibre shortens by at most its optimal length in T.
         let scale = number(&["time_scale"])?.unwrap_or(0.1);
         let (k1, k2) = (number(&["activation1"])?.unwrap_or(7.667), number(&["activation2"])?.unwrap_or(1.459854));
         (activation, deactivation, velocity) = (scale / (k1 + k2), scale / k2, 1.0 / scale);
@@ -46,7 +51,7 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
     let mut or_default = |tag: &str, default: f64, unit: &str| -> Result<f64> {
         let found = number(&[tag])?;
         if found.is_none() {
-            let lost = format!("its file gives no {tag}: {default} {unit}, OpenSim's default");
+            let lost = format!("no {tag}: {default} {unit}, OpenSim's default, is used");
             notes.changed(&format!("muscle {name}"), lost);
         }
         Ok(found.unwrap_or(default))
@@ -55,13 +60,13 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
     let max_isometric_force = or_default("max_isometric_force", 1000.0, "N")?;
     let optimal_fibre_length = or_default("optimal_fiber_length", 0.1, "m")?;
     if tendon_slack_length == 0.0 {
-        let lost = "its tendon slack length is 0: the tendon is rigid, and the fibre as long as the path";
+        let lost = "its tendon slack length is 0: the tendon is rigid, and the fibre spans the whole path";
         notes.changed(&format!("muscle {name}"), lost);
     }
     let rigid = flag("ignore_tendon_compliance") || element.tag() == "RigidTendonMuscle" || tendon_slack_length == 0.0;
     for (tag, lost) in [
-        ("ignore_activation_dynamics", "activation follows excitation with its time constants, not at once"),
-        ("ignore_passive_fiber_force", "its fibre has a passive force"),
+        ("ignore_activation_dynamics", "activation follows excitation with its time constants, not instantly"),
+        ("ignore_passive_fiber_force", "the fibre has a passive force"),
     ] {
         if flag(tag) {
             notes.changed(&format!("muscle {name}"), format!("{tag} is ignored: {lost}"));
@@ -72,8 +77,8 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
         .or_else(|| Some(element).filter(|e| e.child("PathPointSet").is_some() || e.child("MusclePointSet").is_some()))
     else {
         return Err(element.error(
-            "the muscle has no <GeometryPath> (paths by functions are not supported)",
-            "a path has an origin and an insertion",
+            "the muscle has no <GeometryPath> (function-based paths are not supported)",
+            "give it a path with an origin and an insertion",
         ));
     };
     let points = path.objects(&["PathPointSet", "MusclePointSet"]);
@@ -92,9 +97,10 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
     })
 }
 
+/// Reads a point of a muscle's path: fixed, moving or conditional.
 fn path_point<'d>(reader: &Reader<'d>, element: Element<'d>, muscle: &str, notes: &mut Notes) -> Result<PointEntry> {
     let Some(body) = element.reference("parent_frame", &["body"]) else {
-        return Err(element.error("the point is on no body", "name it in <socket_parent_frame>"));
+        return Err(element.error("the path point has no body", "name the body in <socket_parent_frame>"));
     };
     let placed = reader.frames.find(element, body, muscle)?;
     let coordinate = |socket: &str| {
@@ -126,28 +132,31 @@ fn path_point<'d>(reader: &Reader<'d>, element: Element<'d>, muscle: &str, notes
                 match (function, coordinate(socket)) {
                     (Some(by), Some(coordinate)) => components.push(FollowsEntry { coordinate, by }),
                     _ => {
-                        notes.lost(&who(), format!("its {tag} is by no function that is supported: 0 m"));
+                        notes.lost(&who(), format!("its {tag} has no supported function: 0 m is used"));
                         let by = FunctionEntry::Polynomial(vec![0.0]);
                         components.push(FollowsEntry { coordinate: String::new(), by });
                     }
                 }
             }
             if placed.frame != crate::skeleton::frame::Frame::identity() {
-                notes.lost(&who(), "it moves in a frame of its own, and is taken as if in that of its body");
+                notes.lost(
+                    &who(),
+                    "it moves in an offset frame: its position is read as if it were in the frame of the body",
+                );
             }
-            moving(&mut entry, components);
+            set_moving(&mut entry, components);
         }
         tag => {
             let location = element.vector("location")?;
             if location.is_none() {
-                notes.changed(&who(), format!("no location of {}: 0 0 0, OpenSim's default", element.name()));
+                notes.changed(&who(), "it has no location: 0 0 0, OpenSim's default, is used");
             }
             entry.point = placed.frame.point(&location.unwrap_or_default());
             if tag == "ConditionalPathPoint" || tag == "MuscleViaPoint" {
                 let range = element.vector::<2>("range")?;
                 match (coordinate("coordinate"), range) {
                     (Some(coordinate), Some(range)) => entry.when = Some(WhenEntry { coordinate, range }),
-                    _ => notes.changed(&who(), "it has no coordinate or no range: the path always goes over it"),
+                    _ => notes.changed(&who(), "it has no coordinate or no range: the path always passes through it"),
                 }
             }
         }
@@ -155,8 +164,9 @@ fn path_point<'d>(reader: &Reader<'d>, element: Element<'d>, muscle: &str, notes
     Ok(entry)
 }
 
-/// A point whose components are functions: fixed where they are constant, moving in proportion where all are lines of one coordinate.
-fn moving(entry: &mut PointEntry, components: Vec<FollowsEntry>) {
+/// Sets the components of a moving point. If all are linear functions of at most one coordinate, they become a location
+/// and a slope; otherwise each component keeps its function.
+fn set_moving(entry: &mut PointEntry, components: Vec<FollowsEntry>) {
     let lines: Option<Vec<[f64; 2]>> =
         components.iter().map(|component| component.by.check(&[]).ok()?.line()).collect();
     let mut names: Vec<&String> = (components.iter().zip(lines.iter().flatten()))
@@ -175,19 +185,23 @@ fn moving(entry: &mut PointEntry, components: Vec<FollowsEntry>) {
     (entry.x, entry.y, entry.z) = (next(), next(), next());
 }
 
-/// Surfaces of a path, each with the parts that it may be in the way of: OpenSim counts points from 1, −1 being the first or last.
+/// Surfaces of a path, each with the parts of the path that may wrap it. OpenSim counts points from 1; −1 is the first
+/// or last point.
+///
+/// # Errors
+/// If a wrap names no object, or its range is not valid.
 fn obstacles(path: Element<'_>, points: usize) -> Result<Vec<ObstacleEntry>> {
     let wraps = path.objects(&["PathWrapSet", "MuscleWrapSet"]);
     let obstacle = |wrap: &Element<'_>| {
         let Some(name) = wrap.text("wrap_object") else {
-            return Err(wrap.error("the path wraps no object", "name it in <wrap_object>"));
+            return Err(wrap.error("the wrap names no object", "name the object in <wrap_object>"));
         };
         let name = name.rsplit('/').next().unwrap_or(name).to_owned();
         let [first, last] = wrap.vector::<2>("range")?.unwrap_or([-1.0, -1.0]);
         let first = if first < 1.0 { 1 } else { first as usize };
         let last = if last < 1.0 { points } else { (last as usize).min(points) };
         if first >= last {
-            return Err(wrap.error("the range has no part of the path", "its two points are counted from 1"));
+            return Err(wrap.error("the range covers no part of the path", "give two points in order, counted from 1"));
         }
         Ok(match (first, last) {
             (1, last) if last == points => ObstacleEntry::Any(name),
@@ -198,7 +212,10 @@ fn obstacles(path: Element<'_>, points: usize) -> Result<Vec<ObstacleEntry>> {
     wraps.iter().map(obstacle).collect()
 }
 
-/// The wrapping surfaces of a body, or of a frame on one.
+/// Reads the wrapping surfaces of a body, or of a frame on a body.
+///
+/// # Errors
+/// If the frame is unknown, or a number is not valid.
 pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) -> Result<Vec<SurfaceEntry>> {
     let elements = owner.objects(&["WrapObjectSet"]);
     if elements.is_empty() {
@@ -212,7 +229,7 @@ pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) 
     for element in elements {
         let who = format!("wrapping object {}", element.name());
         if !element.flag("active", true) {
-            notes.remark(&who, "left out: it is not active in the model");
+            notes.remark(&who, "left out: inactive in the model");
             continue;
         }
         let point = element.vector("translation")?.unwrap_or_default();
@@ -249,13 +266,13 @@ pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) 
                     (element.number("inner_radius")?, element.number("outer_radius")?);
             }
             other => {
-                notes.lost(&who, format!("a {other} is not supported: paths go straight on where it is"));
+                notes.lost(&who, format!("{other} is not supported: paths do not wrap it"));
                 continue;
             }
         }
         if surface.kind == SurfaceKind::Cylinder && ["z", "-z"].contains(&side) {
-            // Nothing along a cylinder's axis is a side of it; OpenSim takes the half beyond its middle.
-            notes.lost(&who, format!("its side ({side}) is ignored: a path takes the shorter way around"));
+            // A cylinder has no side along its axis. OpenSim takes the half beyond its middle.
+            notes.lost(&who, format!("its quadrant {side} is ignored: paths take the shorter way around"));
             surface.side = None;
         }
         found.push(surface);

@@ -1,10 +1,11 @@
-//! What OpenSim reads and writes although it is not well-formed XML, made well-formed, line by line as it was.
+//! Repairs files that OpenSim reads and writes although they are not well-formed XML. Line numbers do not change.
 
 use std::borrow::Cow;
 
 use crate::error::SourceFile;
 
-/// The file with `::` in tags and bare `&` repaired, and without its comments, which OpenSim lets hold `--`; the file itself where there are none.
+/// Replaces `::` in tags and bare `&`, and removes comments, in which OpenSim accepts `--`. Returns the file itself if
+/// nothing changes.
 pub fn repaired(file: &SourceFile) -> Cow<'_, SourceFile> {
     let text = file.text.trim_start_matches('\u{feff}');
     let mut out = String::with_capacity(text.len());
@@ -16,7 +17,7 @@ pub fn repaired(file: &SourceFile) -> Cow<'_, SourceFile> {
             _ if rest.starts_with('&') => ampersand(rest, &mut out),
             _ if rest.starts_with("<!--") => comment(rest, &mut out),
             _ if rest.starts_with("<![CDATA[") => {
-                copied(rest, rest.find("]]>").map_or(rest.len(), |end| end + 3), &mut out)
+                copy(rest, rest.find("]]>").map_or(rest.len(), |end| end + 3), &mut out)
             }
             _ => tag(rest, &mut out),
         };
@@ -28,12 +29,13 @@ pub fn repaired(file: &SourceFile) -> Cow<'_, SourceFile> {
     }
 }
 
-fn copied<'t>(text: &'t str, length: usize, out: &mut String) -> &'t str {
+/// Copies `length` bytes to `out` and returns the rest.
+fn copy<'t>(text: &'t str, length: usize, out: &mut String) -> &'t str {
     out.push_str(&text[..length]);
     &text[length..]
 }
 
-/// `&name;`, `&#10;` and `&#x1f;` stay; any other `&` is one that was meant.
+/// Keeps `&name;`, `&#10;` and `&#x1f;`, and escapes any other `&`.
 fn ampersand<'t>(text: &'t str, out: &mut String) -> &'t str {
     let name = text[1..].split_once(';').map_or("", |(name, _)| name);
     let is_entity = ["amp", "lt", "gt", "quot", "apos"].contains(&name)
@@ -43,15 +45,15 @@ fn ampersand<'t>(text: &'t str, out: &mut String) -> &'t str {
     &text[1..]
 }
 
-/// A blank, so that a number with a comment in it is no other number; lines stay lines.
+/// Replaces a comment by a blank, so that digits on both sides do not merge, and by its line breaks.
 fn comment<'t>(text: &'t str, out: &mut String) -> &'t str {
-    let Some(end) = text.find("-->").map(|end| end + 3) else { return copied(text, text.len(), out) };
+    let Some(end) = text.find("-->").map(|end| end + 3) else { return copy(text, text.len(), out) };
     out.push(' ');
     out.extend(text[..end].chars().filter(|c| *c == '\n'));
     &text[end..]
 }
 
-/// A scope in the name of a tag: `<HuntCrossleyForce::ContactParametersSet>`.
+/// Replaces `::` in the name of a tag, as in `<HuntCrossleyForce::ContactParametersSet>`.
 fn tag<'t>(text: &'t str, out: &mut String) -> &'t str {
     let end = text[1..].find(|c: char| c.is_whitespace() || "><=".contains(c)).map_or(text.len(), |end| end + 1);
     out.push_str(&text[..end].replace("::", "__"));
@@ -63,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_is_no_xml_changes() {
+    fn only_invalid_xml_is_changed() {
         let repaired = |text: &str| {
             let file = SourceFile { path: "a.osim".into(), text: text.to_owned() };
             repaired(&file).text.clone()

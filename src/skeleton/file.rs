@@ -1,6 +1,7 @@
-//! The file of a spatial model (TOML), and its check into a [`Skeleton`]. `data/models/upper_limb.toml` is an example.
+//! The TOML file of a spatial model, and the checks that turn it into a [`Skeleton`].
 //!
-//! SI units and radians. A frame is a point with body-fixed rotations about x, y and z.
+//! `data/models/upper_limb.toml` is an example. Units are SI, angles are in radians. A frame is given by its origin and
+//! by body-fixed rotations about x, y and z.
 
 use std::collections::BTreeSet;
 
@@ -17,17 +18,17 @@ use crate::model::file::{CurvesEntry, finite, named, positive, unique};
 
 pub(super) type Checked<T> = std::result::Result<T, Issue>;
 
-/// What does not move; joints hang on it, and paths and surfaces may be on it.
+/// Name of the ground: the root of the joint tree. Path points, surfaces, forces and held points may lie on it too.
 pub const GROUND: &str = "ground";
 
-/// A spatial model as its file says it.
+/// A spatial model as written in its file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkeletonFile {
     pub name: String,
-    /// Where the numbers come from and under which licence.
+    /// Where the data come from, and their licence.
     pub source: Option<String>,
-    /// 3: what tells this file from that of a planar model.
+    /// Must be 3. Files of planar models do not have this key.
     pub dimensions: u8,
     pub body: Vec<BodyEntry>,
     pub joint: Vec<JointEntry>,
@@ -36,7 +37,7 @@ pub struct SkeletonFile {
     pub surface: Vec<SurfaceEntry>,
     #[serde(default)]
     pub muscle: Vec<MuscleEntry>,
-    /// Points of two bodies held together.
+    /// Point constraints: points of two bodies that must coincide.
     #[serde(default)]
     pub held_point: Vec<HeldPointEntry>,
     #[serde(default)]
@@ -47,7 +48,7 @@ pub struct SkeletonFile {
     pub gravity: [f64; 3],
     #[serde(default)]
     pub curves: CurvesEntry,
-    /// What muscles have that say nothing else.
+    /// Defaults for muscles that do not set these values.
     #[serde(default)]
     pub muscles: MusclesEntry,
 }
@@ -63,14 +64,14 @@ pub struct MusclesEntry {
     pub activation_time: f64,
     /// s
     pub deactivation_time: f64,
-    /// Optimal fibre lengths a second.
+    /// Optimal fibre lengths per second.
     pub max_shortening_velocity: f64,
-    /// Tendons of a slack length below this are rigid, m.
+    /// Tendons with a slack length below this are rigid, m.
     pub rigid_tendon_below: f64,
 }
 
 impl Default for MusclesEntry {
-    /// The thesis' times and velocity.
+    /// Time constants and velocity from the thesis.
     fn default() -> Self {
         Self { activation_time: 0.12, deactivation_time: 0.12, max_shortening_velocity: 1.0, rigid_tendon_below: 0.0 }
     }
@@ -81,20 +82,24 @@ impl Default for MusclesEntry {
 pub struct HeldPointEntry {
     pub name: String,
     pub bodies: [String; 2],
-    /// One in the frame of each, m.
+    /// One point in each body's frame, m.
     pub points: [[f64; 3]; 2],
 }
 
-/// Without `force`, the motion file has it over time, as `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
+/// An external force on a body.
+///
+/// Without `force`, the motion file supplies it over time in the columns `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceEntry {
     pub name: String,
     pub body: String,
+    /// In the body's frame, m.
     #[serde(default)]
     pub point: [f64; 3],
-    /// In the ground's axes, N.
+    /// In the axes of the ground, N.
     pub force: Option<[f64; 3]>,
+    /// Factor on the force.
     #[serde(default = "one")]
     pub scale: f64,
 }
@@ -103,13 +108,17 @@ fn one() -> f64 {
     1.0
 }
 
+/// The rotation by which a study adds abduction to the motion.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AbductionEntry {
+    /// The body that turns, with everything attached to it.
     pub body: String,
+    /// The body that carries the axis.
     pub against: String,
-    /// In the axes of `against`.
+    /// Axis of rotation, in the axes of `against`.
     pub axis: [f64; 3],
+    /// Long axis of `body`, in its own axes. Its angle about `axis` is the abduction that is reported.
     pub long_axis: [f64; 3],
 }
 
@@ -117,11 +126,13 @@ pub struct AbductionEntry {
 #[serde(deny_unknown_fields)]
 pub struct BodyEntry {
     pub name: String,
+    /// kg
     pub mass: f64,
+    /// In the body's frame, m.
     pub centre_of_mass: [f64; 3],
-    /// xx, yy, zz, xy, xz, yz about the centre of mass.
+    /// xx, yy, zz, xy, xz, yz about the centre of mass, kg m².
     pub inertia: [f64; 6],
-    /// `free`, `given` (moves as the motion says), or `girdle` (as the study's `girdle` says).
+    /// `free` (moves by forces), `given` (by the motion file) or `girdle` (by the study's `girdle` setting).
     #[serde(default = "free")]
     pub role: Role,
 }
@@ -154,12 +165,12 @@ pub struct JointEntry {
     pub child_point: [f64; 3],
     #[serde(default)]
     pub child_rotation: [f64; 3],
-    /// Of a joint with axes, in the parent's frame; each rotation moves the axes after it.
+    /// Of an `axes` joint, in the joint frame on the parent. Each rotation turns the axes after it.
     #[serde(default)]
     pub translations: Vec<AxisEntry>,
     #[serde(default)]
     pub rotations: Vec<AxisEntry>,
-    /// Of an ellipsoid joint.
+    /// Of an ellipsoid joint, m.
     pub radii: Option<[f64; 3]>,
     /// Of an ellipsoid joint: abduction, elevation, upward rotation, winging.
     pub coordinates: Option<[String; 4]>,
@@ -170,7 +181,7 @@ pub struct JointEntry {
 pub struct AxisEntry {
     pub coordinate: String,
     pub axis: [f64; 3],
-    /// How far along or about the axis; as far as the coordinate if left out.
+    /// Translation (m) or rotation (rad) as a function of the coordinate; the coordinate itself if absent.
     pub by: Option<FunctionEntry>,
 }
 
@@ -180,12 +191,12 @@ pub struct CoordinateEntry {
     pub name: String,
     #[serde(default)]
     pub default: f64,
-    /// Stays at its default in a study.
+    /// Fixed at its default in a study.
     #[serde(default)]
     pub locked: bool,
-    /// What it is meant for (rad, m); a motion beyond is no error.
+    /// Intended range (rad, m). A motion outside it is not an error.
     pub range: Option<[f64; 2]>,
-    /// Another coordinate that it is a function of.
+    /// The coordinate that determines this one, and the function (a coordinate coupler).
     pub follows: Option<FollowsEntry>,
 }
 
@@ -215,15 +226,16 @@ pub struct SurfaceEntry {
     pub point: [f64; 3],
     #[serde(default)]
     pub rotation: [f64; 3],
-    /// Of a sphere, a cylinder, and the tube of a torus, m.
+    /// Of a sphere, a cylinder or the tube of a torus, m.
     pub radius: Option<f64>,
     /// Of an ellipsoid, m.
     pub radii: Option<[f64; 3]>,
-    /// Of the ring in the middle of a torus' tube, m; it lies in the plane z = 0.
+    /// Of the centre line of a torus's tube, m. It lies in the plane z = 0.
     pub ring_radius: Option<f64>,
-    /// The half of the surface that paths take: `x`, `-x`, `y`, `-y`, and but for a cylinder `z` or `-z`; either if left out.
+    /// The half of the surface that paths must take: `x`, `-x`, `y`, `-y`, or (except for a cylinder) `z`, `-z`. Either
+    /// half if absent.
     pub side: Option<String>,
-    /// Of a cylinder, m; without ends if left out. A path's length jumps where it slips off an end.
+    /// Of a cylinder, m; infinite if absent. The length of a path jumps where the path slips off an end.
     pub length: Option<f64>,
 }
 
@@ -235,15 +247,15 @@ pub struct PointEntry {
     #[serde(default)]
     pub point: [f64; 3],
     pub moves: Option<MovesEntry>,
-    /// What is added to the point's x, y and z.
+    /// Functions (m) added to the point's x, y and z.
     pub x: Option<FollowsEntry>,
     pub y: Option<FollowsEntry>,
     pub z: Option<FollowsEntry>,
-    /// When the path goes over the point; always if left out.
+    /// When the path passes through the point; always if absent.
     pub when: Option<WhenEntry>,
 }
 
-/// While a coordinate (rad, m) is in a range.
+/// True while a coordinate (rad, m) is in a range.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WhenEntry {
@@ -251,7 +263,7 @@ pub struct WhenEntry {
     pub range: [f64; 2],
 }
 
-/// The point moves by `slope` (m/rad) times a coordinate.
+/// Moves a point by `slope` (m/rad) times a coordinate.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MovesEntry {
@@ -263,25 +275,30 @@ pub struct MovesEntry {
 #[serde(deny_unknown_fields)]
 pub struct MuscleEntry {
     pub name: String,
+    /// N
     pub max_isometric_force: f64,
+    /// m
     pub optimal_fibre_length: f64,
+    /// m
     pub tendon_slack_length: f64,
+    /// rad
     #[serde(default)]
     pub pennation_angle: f64,
     /// s
     pub activation_time: Option<f64>,
     /// s
     pub deactivation_time: Option<f64>,
-    /// Optimal fibre lengths a second.
+    /// Optimal fibre lengths per second.
     pub max_shortening_velocity: Option<f64>,
     pub rigid_tendon: Option<bool>,
     pub path: Vec<PointEntry>,
-    /// In the order in which they are put on the path, as in OpenSim; see `skeleton/wrapping.rs`.
+    /// In the order in which they are placed on the path, as in OpenSim; see `skeleton/wrapping.rs`.
     #[serde(default)]
     pub surfaces: Vec<ObstacleEntry>,
 }
 
-/// A surface by name; or with the part or parts (first and last) of the path that it is in the way of, 0 between its first two points.
+/// A wrapping surface of a muscle: its name alone, or with the part (or first and last part) of the path that may wrap
+/// it. Part k lies between path points k and k + 1.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum ObstacleEntry {
@@ -291,7 +308,7 @@ pub enum ObstacleEntry {
 }
 
 impl PointEntry {
-    /// Whether it is always at the same place as another point.
+    /// True if both points are fixed to the same body at the same location.
     pub fn repeats(&self, other: &Self) -> bool {
         let is_fixed =
             |p: &Self| p.when.is_none() && p.moves.is_none() && p.x.is_none() && p.y.is_none() && p.z.is_none();
@@ -306,8 +323,8 @@ impl ObstacleEntry {
         }
     }
 
-    /// Numbers its parts anew after points of the path were taken out that repeated the one before (their numbers, increasing). False if no part
-    /// is left.
+    /// Renumbers the parts after path points that repeated their predecessor were removed. `removed`: the indices of
+    /// these points, increasing. Returns false if no part is left.
     pub fn renumber(&mut self, removed: &[usize]) -> bool {
         let (first, last) = match self {
             Self::Any(_) => return true,
@@ -315,7 +332,7 @@ impl ObstacleEntry {
             Self::Parts { parts: [first, last], .. } => (*first, *last),
         };
         let before = |part: usize| removed.iter().filter(|&&point| point <= part).count();
-        // The part that ends in a removed point has no length: those around it remain.
+        // The part that ended in a removed point had zero length; the parts next to it remain.
         let vanished = removed.contains(&(last + 1));
         let (new_first, new_last) = (first - before(first), last - before(last));
         let Some(new_last) = new_last.checked_sub(usize::from(vanished)).filter(|last| *last >= new_first) else {
@@ -331,7 +348,7 @@ impl ObstacleEntry {
 }
 
 impl SkeletonFile {
-    /// Whether a model file is one of these.
+    /// True if the table is a spatial model.
     pub fn is_one(table: &toml::Table) -> bool {
         table.contains_key("dimensions")
     }
@@ -339,7 +356,7 @@ impl SkeletonFile {
     /// Reads and checks a file.
     ///
     /// # Errors
-    /// All mistakes, each with its place.
+    /// All mistakes, each with its location.
     pub fn load(file: &SourceFile) -> Result<Skeleton> {
         file.toml::<Self>()?.check_all().map_err(|issues| Issue::all_in_file(&issues, file))
     }
@@ -352,10 +369,10 @@ impl SkeletonFile {
         self.check_all().map_err(first)
     }
 
-    /// Checks what types cannot say.
+    /// Checks what the types cannot express.
     ///
     /// # Errors
-    /// All mistakes, each with the path of the value at fault.
+    /// All mistakes, each with the path of the offending value.
     pub fn check_all(&self) -> std::result::Result<Skeleton, Vec<Issue>> {
         let mut mistakes = Mistakes::default();
         if self.dimensions != 3 {
@@ -363,7 +380,7 @@ impl SkeletonFile {
             mistakes.push(Issue::new(
                 &["dimensions"],
                 message,
-                "a spatial model has dimensions = 3; a planar one has no such key",
+                "a spatial model has dimensions = 3; a planar model does not have this key",
             ));
         }
         mistakes.take(named(&["name"], &self.name));
@@ -376,7 +393,11 @@ impl SkeletonFile {
         mistakes.take(unique("force", self.force.iter().map(|force| force.name.as_str())));
         mistakes.take(finite(&["gravity"], &self.gravity));
         if self.body.iter().any(|body| body.name == GROUND) {
-            mistakes.push(Issue::new(&["body", GROUND], "`ground` is always there", "give this body another name"));
+            mistakes.push(Issue::new(
+                &["body", GROUND],
+                "the name `ground` is reserved",
+                "give this body another name",
+            ));
         }
         let mut bodies = mistakes.all(self.body.iter().map(BodyEntry::check));
         let names = self.names();
@@ -414,9 +435,9 @@ impl SkeletonFile {
         Ok(skeleton)
     }
 
-    /// Names that others refer to; the ground is among the bodies where something is on it.
+    /// Names that other entries refer to. The ground counts as a body if something is attached to it.
     fn names(&self) -> Names<'_> {
-        let ground = self.names_ground().then_some(GROUND);
+        let ground = self.uses_ground().then_some(GROUND);
         Names {
             bodies: self.body.iter().map(|body| body.name.as_str()).chain(ground).collect(),
             coordinates: self.coordinate.iter().map(|coordinate| coordinate.name.as_str()).collect(),
@@ -424,23 +445,23 @@ impl SkeletonFile {
         }
     }
 
-    /// Whether points, surfaces or forces are on the ground, which then is a body as well.
-    fn names_ground(&self) -> bool {
+    /// True if path points, surfaces, forces or held points are on the ground.
+    fn uses_ground(&self) -> bool {
         let points = self.muscle.iter().flat_map(|muscle| &muscle.path).map(|point| &point.body);
         let others = self.surface.iter().map(|surface| &surface.body).chain(self.force.iter().map(|force| &force.body));
         points.chain(others).chain(self.held_point.iter().flat_map(|held| &held.bodies)).any(|body| body == GROUND)
     }
 
-    /// Each coordinate belongs to one joint, which says whether it is an angle.
+    /// Finds from the joints whether each coordinate is an angle, and checks that a joint uses it.
     fn coordinates(&self, joints: &[Joint]) -> Checked<Vec<Coordinate>> {
         let mut kinds: Vec<Option<bool>> = vec![None; self.coordinate.len()];
         for joint in joints {
-            // (coordinate, whether it is an angle, whether it is as much as what it moves)
+            // (coordinate, is an angle, drives its axis directly)
             let used: Vec<(usize, bool, bool)> = match &joint.motion {
                 Motion::Weld => Vec::new(),
                 Motion::Axes { translations, rotations } => {
                     let moves = translations.iter().map(|axis| (axis.coordinate, false, axis.by.is_identity()));
-                    // What turns something by itself is an angle, whatever else it moves.
+                    // Rotations first: a coordinate that drives a rotation is an angle, whatever else it drives.
                     rotations.iter().map(|axis| (axis.coordinate, true, axis.by.is_identity())).chain(moves).collect()
                 }
                 Motion::Ellipsoid { coordinates, .. } => coordinates.iter().map(|c| (*c, true, true)).collect(),
@@ -449,7 +470,7 @@ impl SkeletonFile {
                 if kinds[coordinate].is_some() && itself {
                     let name = &self.coordinate[coordinate].name;
                     let message = format!("`{name}` moves more than one axis");
-                    let help = "give each axis a coordinate of its own, or say how the axis goes `by` it";
+                    let help = "give each axis its own coordinate, or drive the axis by a function (`by`)";
                     return Err(Issue::new(&["joint", &joint.name], message, help));
                 }
                 kinds[coordinate].get_or_insert(is_angle);
@@ -460,16 +481,16 @@ impl SkeletonFile {
             let place = |key: &'static str| ["coordinate", entry.name.as_str(), key];
             let Some(is_angle) = kind else {
                 let help = "remove it, or name it in a joint";
-                return Err(Issue::new(&["coordinate", &entry.name], "it moves no joint", help));
+                return Err(Issue::new(&["coordinate", &entry.name], "no joint uses it", help));
             };
             if !entry.default.is_finite() {
-                return Err(Issue::new(&place("default"), "it is not finite", "give a number (rad or m)"));
+                return Err(Issue::new(&place("default"), "not a finite number", "give a finite number (rad or m)"));
             }
             let follows = entry.follows.as_ref().map(|follows| {
                 let leader = find("coordinate", &names, &follows.coordinate, &place("follows"))?;
                 if self.coordinate[leader].follows.is_some() {
-                    let message = format!("`{}` follows a coordinate itself", follows.coordinate);
-                    let help = "name the coordinate that moves freely, and the function of that one";
+                    let message = format!("`{}` itself follows another coordinate", follows.coordinate);
+                    let help = "name the independent coordinate, and give the function of that one";
                     return Err(Issue::new(&place("follows"), message, help));
                 }
                 Ok((leader, follows.by.check(&place("follows"))?))
@@ -487,17 +508,18 @@ impl SkeletonFile {
     }
 }
 
-/// Names that others refer to.
+/// Names that other entries refer to.
 struct Names<'f> {
     bodies: Vec<&'f str>,
     coordinates: Vec<&'f str>,
     surfaces: Vec<&'f str>,
 }
 
+/// Index of `name` among `names`.
 fn find(kind: &str, names: &[&str], name: &str, path: &[&str]) -> Checked<usize> {
     names.iter().position(|known| *known == name).ok_or_else(|| {
         let near = nearest(name, names.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-        Issue::new(path, format!("there is no {kind} `{name}`"), format!("{near}there is: {}", names.join(", ")))
+        Issue::new(path, format!("there is no {kind} `{name}`"), format!("{near}the model has: {}", names.join(", ")))
     })
 }
 
@@ -505,19 +527,20 @@ impl BodyEntry {
     fn check(&self) -> Checked<Body> {
         finite(&["body", &self.name, "centre_of_mass"], &self.centre_of_mass)?;
         finite(&["body", &self.name, "inertia"], &self.inertia)?;
-        // A body without mass may move as given, or with one that has a mass; `Skeleton::check_study` sees to that.
+        // Massless bodies are allowed if their motion is given or if they are fixed to a body that has mass:
+        // `Skeleton::check_study` checks this.
         if self.mass == 0.0 && self.inertia == [0.0; 6] {
             return Ok(self.body());
         }
         positive(&["body", &self.name, "mass"], self.mass, "kg")?;
         if !self.is_physical() {
-            let help = "xx, yy, zz, xy, xz, yz about the centre of mass make a positive definite matrix (kg m²)";
+            let help = "xx, yy, zz, xy, xz, yz about the centre of mass must form a positive definite matrix (kg m²)";
             return Err(Issue::new(&["body", &self.name, "inertia"], format!("found {:?}", self.inertia), help));
         }
         Ok(self.body())
     }
 
-    /// Whether the inertia is that of a body: positive definite, by its leading minors.
+    /// True if the inertia matrix is positive definite: all its leading minors are positive.
     pub fn is_physical(&self) -> bool {
         let [xx, yy, zz, xy, xz, yz] = self.inertia;
         let minors =
@@ -574,7 +597,7 @@ impl AbductionEntry {
             let length = super::frame::norm(axis);
             if !(length.is_finite() && length > 1e-9) {
                 let message = format!("the axis {axis:?} has no direction");
-                return Err(Issue::new(&["abduction", key], message, "give a direction"));
+                return Err(Issue::new(&["abduction", key], message, "give a nonzero vector"));
             }
         }
         Ok(Abduction {
@@ -599,7 +622,7 @@ impl JointEntry {
                     return Err(Issue::new(
                         &place(key),
                         format!("the axis {:?} has no direction", entry.axis),
-                        "give a direction",
+                        "give a nonzero vector",
                     ));
                 }
                 let by = entry.by.as_ref().map_or(Ok(Function::identity()), |by| by.check(&place(key)))?;
@@ -608,11 +631,12 @@ impl JointEntry {
             };
             entries.iter().map(axis).collect::<Checked<Vec<_>>>()
         };
-        let wrong =
-            |key: &'static str, help: &str| Err(Issue::new(&place(key), "it does not fit this kind of joint", help));
+        let mismatch = |key: &'static str, help: &str| {
+            Err(Issue::new(&place(key), "the keys do not match this kind of joint", help))
+        };
         let motion = match self.kind {
             JointEntryKind::Axes if self.rotations.is_empty() && self.translations.is_empty() => {
-                return wrong("kind", "add rotations or translations, or make it a weld");
+                return mismatch("kind", "add rotations or translations, or use kind = \"weld\"");
             }
             JointEntryKind::Axes => Motion::Axes {
                 translations: axes(&self.translations, "translations")?,
@@ -621,7 +645,8 @@ impl JointEntry {
             JointEntryKind::Weld => Motion::Weld,
             JointEntryKind::Ellipsoid => {
                 let (Some(radii), Some(coordinates)) = (self.radii, &self.coordinates) else {
-                    let help = "an ellipsoid joint has radii and four coordinates: abduction, elevation, upward rotation, winging";
+                    let help = "an ellipsoid joint needs radii and four coordinates: abduction, elevation, upward \
+                                rotation, winging";
                     return Err(Issue::new(&["joint", &self.name], "radii or coordinates are missing", help));
                 };
                 radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m"))?;
@@ -633,10 +658,10 @@ impl JointEntry {
             }
         };
         if self.kind != JointEntryKind::Axes && !(self.rotations.is_empty() && self.translations.is_empty()) {
-            return wrong("kind", "rotations and translations are those of kind = \"axes\"");
+            return mismatch("kind", "rotations and translations require kind = \"axes\"");
         }
         if self.kind != JointEntryKind::Ellipsoid && (self.radii.is_some() || self.coordinates.is_some()) {
-            return wrong("kind", "radii and coordinates are those of kind = \"ellipsoid\"");
+            return mismatch("kind", "radii and coordinates require kind = \"ellipsoid\"");
         }
         for (key, values) in [
             ("parent_point", self.parent_point),
@@ -657,7 +682,10 @@ impl JointEntry {
     }
 }
 
-/// Parents before children; every body hangs on one joint.
+/// Sorts joints so that parents come before children.
+///
+/// # Errors
+/// If the joints do not form a tree that is rooted at the ground and holds every body.
 fn sort(joints: &mut Vec<Joint>, names: &Names<'_>) -> Checked<()> {
     let mut placed: BTreeSet<Option<usize>> = [None].into();
     let mut sorted: Vec<Joint> = Vec::with_capacity(joints.len());
@@ -665,11 +693,11 @@ fn sort(joints: &mut Vec<Joint>, names: &Names<'_>) -> Checked<()> {
         let Some(next) = joints.iter().position(|joint| placed.contains(&joint.parent)) else {
             let joint = &joints[0];
             let message =
-                format!("`{}` does not hang on the ground", joint.parent.map_or("ground", |p| names.bodies[p]));
+                format!("`{}` is not connected to the ground", joint.parent.map_or("ground", |p| names.bodies[p]));
             return Err(Issue::new(
                 &["joint", &joint.name, "parent"],
                 message,
-                "joints make a tree that begins at the ground",
+                "joints must form a tree rooted at the ground",
             ));
         };
         let joint = joints.remove(next);
@@ -678,14 +706,14 @@ fn sort(joints: &mut Vec<Joint>, names: &Names<'_>) -> Checked<()> {
             return Err(Issue::new(
                 &["joint", &joint.name, "child"],
                 message,
-                "joints make a tree: each body is a child once",
+                "joints must form a tree: each body is the child of one joint",
             ));
         }
         sorted.push(joint);
     }
     if let Some(body) = (0..names.bodies.len()).find(|body| !placed.contains(&Some(*body))) {
-        let help = "add a joint with this child";
-        return Err(Issue::new(&["body", names.bodies[body]], "no joint holds it", help));
+        let help = "add a joint with this body as its child";
+        return Err(Issue::new(&["body", names.bodies[body]], "no joint has this body as its child", help));
     }
     *joints = sorted;
     Ok(())
@@ -695,11 +723,11 @@ impl SurfaceEntry {
     fn check(&self, names: &Names<'_>) -> Checked<Surface> {
         let place = |key: &'static str| ["surface", self.name.as_str(), key];
         let missing =
-            |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("it has no `{key}`"), help);
+            |key: &'static str, help: &str| Issue::new(&["surface", &self.name], format!("`{key}` is missing"), help);
         let radius = || {
             let radius = self
                 .radius
-                .ok_or_else(|| missing("radius", "a sphere, a cylinder and the tube of a torus have a radius (m)"))?;
+                .ok_or_else(|| missing("radius", "give the radius of the sphere, cylinder or torus tube (m)"))?;
             positive(&place("radius"), radius, "m").map(|()| radius)
         };
         let shape = match self.kind {
@@ -711,18 +739,18 @@ impl SurfaceEntry {
                     return Err(Issue::new(
                         &place("length"),
                         message,
-                        "it must be above 0 (m); without it there are no ends",
+                        "it must be positive (m); omit it for an infinite cylinder",
                     ));
                 }
                 Shape::Cylinder { radius: radius()?, side: self.side()?, length }
             }
             SurfaceKind::Ellipsoid => {
-                let radii = self.radii.ok_or_else(|| missing("radii", "an ellipsoid has three radii (m)"))?;
+                let radii = self.radii.ok_or_else(|| missing("radii", "an ellipsoid needs three radii (m)"))?;
                 radii.iter().try_for_each(|radius| positive(&place("radii"), *radius, "m"))?;
                 Shape::Ellipsoid { radii, side: self.side()? }
             }
             SurfaceKind::Torus => {
-                let ring = self.ring_radius.ok_or_else(|| missing("ring_radius", "a torus has one (m)"))?;
+                let ring = self.ring_radius.ok_or_else(|| missing("ring_radius", "a torus needs a ring radius (m)"))?;
                 positive(&place("ring_radius"), ring, "m")?;
                 Shape::Torus { ring, tube: radius()?, side: self.side()? }
             }
@@ -750,28 +778,28 @@ impl SurfaceEntry {
             _ => Err(Issue::new(
                 &["surface", &self.name, "side"],
                 format!("found \"{side}\""),
-                "it is one of: x, -x, y, -y, and but for a cylinder z and -z",
+                "allowed are x, -x, y, -y and, except for a cylinder, z and -z",
             )),
         }
     }
 }
 
 impl MuscleEntry {
-    /// A path has a length and no two points in a row at one place, where its direction would be none.
-    fn check_length(&self) -> Checked<()> {
+    /// Checks that no two successive points coincide, which would leave the path's direction undefined.
+    fn check_points_differ(&self) -> Checked<()> {
         let Some(k) = self.path.windows(2).position(|pair| pair[1].repeats(&pair[0])) else { return Ok(()) };
         let index = (k + 1).to_string();
-        let message = "the point is where the one before is: the path has no length between them";
-        let help = "remove one of the two points, or mend its place";
+        let message = "the point coincides with the previous one: the path has zero length between them";
+        let help = "remove one of the two points, or correct its position";
         Err(Issue::new(&["muscle", &self.name, "path", &index], message, help))
     }
 
     fn check(&self, names: &Names<'_>, defaults: &MusclesEntry, force_velocity: ForceVelocity) -> Checked<Muscle> {
         let place = |key: &'static str| ["muscle", self.name.as_str(), key];
         if self.path.len() < 2 {
-            return Err(Issue::new(&place("path"), "fewer than two points", "a path has an origin and an insertion"));
+            return Err(Issue::new(&place("path"), "fewer than two points", "a path needs an origin and an insertion"));
         }
-        self.check_length()?;
+        self.check_points_differ()?;
         let point = |entry: &PointEntry| {
             finite(&place("path"), &entry.point)?;
             let coordinate = |name: &str| find("coordinate", &names.coordinates, name, &place("path"));
@@ -790,7 +818,7 @@ impl MuscleEntry {
             let when = entry.when.as_ref().map(|when| {
                 if when.range[0].is_nan() || when.range[1].is_nan() || when.range[0] > when.range[1] {
                     let message = format!("found the range {:?}", when.range);
-                    return Err(Issue::new(&place("path"), message, "a range has its lower end first (rad or m)"));
+                    return Err(Issue::new(&place("path"), message, "give the lower limit first (rad or m)"));
                 }
                 Ok((coordinate(&when.coordinate)?, when.range))
             });
@@ -803,17 +831,17 @@ impl MuscleEntry {
         };
         if !(self.tendon_slack_length >= 0.0 && self.tendon_slack_length.is_finite()) {
             let message = format!("found {}", self.tendon_slack_length);
-            return Err(Issue::new(&place("tendon_slack_length"), message, "it must be a length from 0 on (m)"));
+            return Err(Issue::new(&place("tendon_slack_length"), message, "it must be zero or a positive length (m)"));
         }
         if !(0.0..1.5).contains(&self.pennation_angle) {
             let message = format!("found {}", self.pennation_angle);
-            return Err(Issue::new(&place("pennation_angle"), message, "it must be an angle from 0 to 1.5 rad"));
+            return Err(Issue::new(&place("pennation_angle"), message, "it must be an angle from 0 to below 1.5 rad"));
         }
         positive(&place("max_isometric_force"), self.max_isometric_force, "N")?;
         positive(&place("optimal_fibre_length"), self.optimal_fibre_length, "m")?;
         let rigid_tendon = self.rigid_tendon.unwrap_or(self.tendon_slack_length < defaults.rigid_tendon_below);
         if self.tendon_slack_length == 0.0 && !rigid_tendon {
-            let message = "a tendon of no length cannot stretch";
+            let message = "a tendon of zero length cannot be elastic";
             let help = "set rigid_tendon = true, or rigid_tendon_below in [muscles]";
             return Err(Issue::new(&place("tendon_slack_length"), message, help));
         }
@@ -832,7 +860,7 @@ impl MuscleEntry {
                 let help = format!("the path has parts 0 to {}", self.path.len() - 2);
                 return Err(Issue::new(
                     &place("surfaces"),
-                    format!("`{name}` is in the way of no part of the path"),
+                    format!("`{name}` is assigned to parts that the path does not have"),
                     help,
                 ));
             }
@@ -850,7 +878,7 @@ impl MuscleEntry {
                 "max_shortening_velocity",
                 self.max_shortening_velocity,
                 defaults.max_shortening_velocity,
-                "optimal fibre lengths a second",
+                "optimal fibre lengths per second",
             )?,
             rigid_tendon,
             force_velocity,

@@ -1,4 +1,4 @@
-//! Rigid transforms: x ↦ R x + p.
+//! Vectors and rigid transforms x ↦ R x + p.
 
 use std::ops::Mul;
 
@@ -33,7 +33,7 @@ pub fn unit(a: &Vector) -> Vector {
     if length > 0.0 { a.map(|x| x / length) } else { *a }
 }
 
-/// A frame within another: rows of R, and the origin p (m).
+/// A frame within an outer frame: its rotation matrix R and its origin p (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame<T> {
     /// `axes[i][j]` = R_ij
@@ -48,7 +48,8 @@ impl<T: Scalar> Frame<T> {
         Self { axes, origin: [T::zero(); 3] }
     }
 
-    /// Rotation about an axis through the origin (of any length but 0), by Rodrigues' formula.
+    /// Rotation by `angle` (rad) about an axis through the origin, by Rodrigues' formula. The axis need not be a unit
+    /// vector, but must not be 0.
     pub fn rotation(axis: Vector, angle: T) -> Self {
         let [x, y, z] = unit(&axis);
         let (s, c) = angle.sin_cos();
@@ -61,20 +62,21 @@ impl<T: Scalar> Frame<T> {
         Self { axes, origin: [T::zero(); 3] }
     }
 
+    /// The outer frame within this one.
     pub fn inverse(&self) -> Self {
         let axes = [0, 1, 2].map(|i| [0, 1, 2].map(|j| self.axes[j][i]));
         let back = Self { axes, origin: [T::zero(); 3] };
         Self { origin: back.point(&self.origin).map(|x| -x), ..back }
     }
 
-    /// A point of this frame, in the outer one.
+    /// Maps a point from this frame to the outer frame.
     pub fn point(&self, x: &[T; 3]) -> [T; 3] {
         [0, 1, 2].map(|i| self.axes[i][0] * x[0] + self.axes[i][1] * x[1] + self.axes[i][2] * x[2] + self.origin[i])
     }
 }
 
 impl Frame<f64> {
-    /// At a point, turned by body-fixed rotations about x, y, z (rad).
+    /// A frame at a point, turned by body-fixed rotations about x, y and z (rad).
     pub fn placed(point: Vector, xyz: Vector) -> Self {
         let turn = |i: usize| {
             let mut axis = [0.0; 3];
@@ -84,7 +86,7 @@ impl Frame<f64> {
         Self { origin: point, ..turn(0) * turn(1) * turn(2) }
     }
 
-    /// The same frame in other scalars.
+    /// The same frame in another scalar type.
     pub fn lift<T: Scalar>(&self) -> Frame<T> {
         Frame { axes: self.axes.map(|row| row.map(T::from)), origin: self.origin.map(T::from) }
     }

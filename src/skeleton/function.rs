@@ -1,4 +1,4 @@
-//! Functions of one joint coordinate: how far a joint's axis moves with it, where a point of a path goes, how another coordinate follows.
+//! Functions of one joint coordinate. They drive axes of joints, points of paths and dependent coordinates.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,46 +6,49 @@ use crate::error::Issue;
 use crate::numerics::Scalar;
 use crate::numerics::cubic::{CubicSpline, Ends};
 
-/// A function as a model file says it; the argument in rad or m.
+/// A function as written in a model file. Its argument is in rad or m.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FunctionEntry {
-    /// Coefficients from the constant on: `[offset, slope]` is a line.
+    /// Coefficients, the constant first: `[offset, slope]` is a line.
     Polynomial(Vec<f64>),
-    /// Points `[x, y]` with increasing x of a cubic spline that goes on straight outside. Its third derivative in the outer spans is that of
-    /// the cubic through the four outer points, as of OpenSim's SimmSpline; two points make a line.
+    /// Points `[x, y]` of a cubic spline, with increasing x. It extrapolates linearly. As in
+    /// OpenSim's SimmSpline, the third derivative in each outer span is that of the cubic through the four outermost
+    /// points. Two points define a line.
     Spline(Vec<[f64; 2]>),
-    /// Points `[x, y]` with increasing x, straight lines between them, going on outside.
+    /// Points `[x, y]` of a piecewise linear function, with increasing x. It extrapolates linearly.
     Lines(Vec<[f64; 2]>),
 }
 
 /// A checked function.
 #[derive(Clone, Debug)]
 pub enum Function {
-    /// Coefficients from the constant on.
+    /// Coefficients, the constant first.
     Polynomial(Vec<f64>),
-    /// First and last abscissa; straight outside.
+    /// First and last abscissa, outside which it is straight; the spline.
     Spline([f64; 2], CubicSpline),
     Lines(Vec<[f64; 2]>),
 }
 
 impl FunctionEntry {
+    /// Checks the function; `place` is its path in the model file.
+    ///
     /// # Errors
-    /// If a number is not finite, or if abscissae do not increase.
+    /// If there are no numbers or too few points, a number is not finite, or x does not increase.
     pub fn check(&self, place: &[&str]) -> Result<Function, Issue> {
         let numbers: Vec<f64> = match self {
             Self::Polynomial(numbers) => numbers.clone(),
             Self::Spline(points) | Self::Lines(points) => points.as_flattened().to_vec(),
         };
         if numbers.is_empty() || !numbers.iter().all(|x| x.is_finite()) {
-            let help = "a function has finite numbers: polynomial = [offset, slope], or spline = [[x, y], …]";
-            return Err(Issue::new(place, "the function is empty or has a number that is not finite", help));
+            let help = "give finite numbers: polynomial = [offset, slope], or spline = [[x, y], …]";
+            return Err(Issue::new(place, "the function is empty or contains a number that is not finite", help));
         }
         if let Self::Spline(points) | Self::Lines(points) = self
             && (points.len() < 2 || !points.windows(2).all(|w| w[0][0] < w[1][0]))
         {
             let help = "give at least two points [x, y] with increasing x";
-            return Err(Issue::new(place, "the points of the function do not increase in x", help));
+            return Err(Issue::new(place, "the function has fewer than two points, or x does not increase", help));
         }
         Ok(match self {
             Self::Polynomial(coefficients) => Function::Polynomial(coefficients.clone()),
@@ -61,7 +64,7 @@ impl FunctionEntry {
 }
 
 impl Function {
-    /// The coordinate itself.
+    /// f(x) = x
     pub fn identity() -> Self {
         Self::Polynomial(vec![0.0, 1.0])
     }
@@ -70,7 +73,7 @@ impl Function {
         matches!(self, Self::Polynomial(c) if c[..] == [0.0, 1.0])
     }
 
-    /// Offset and slope of a function that is a straight line.
+    /// Offset and slope if the function is a straight line.
     pub fn line(&self) -> Option<[f64; 2]> {
         match self {
             Self::Polynomial(c) if c.len() <= 2 => Some([c[0], c.get(1).copied().unwrap_or(0.0)]),
@@ -82,7 +85,7 @@ impl Function {
         }
     }
 
-    /// The value, exact derivatives with it.
+    /// The value at `x`. Dual numbers carry exact derivatives through.
     pub fn at<T: Scalar>(&self, x: T) -> T {
         match self {
             Self::Polynomial(coefficients) => horner(coefficients, x),
@@ -115,7 +118,7 @@ mod tests {
     use num_dual::Dual64;
 
     #[test]
-    fn splines_reproduce_cubics_and_go_on_straight() {
+    fn splines_reproduce_cubics_and_extrapolate_linearly() {
         let cubic = |x: f64| 1.0 - 2.0 * x + 3.0 * x * x - 0.5 * x * x * x;
         let points = [-1.0, -0.2, 0.1, 0.9, 1.3, 2.0].map(|x| [x, cubic(x)]);
         let spline = FunctionEntry::Spline(points.to_vec()).check(&["spline"]).unwrap();

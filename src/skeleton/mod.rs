@@ -1,7 +1,8 @@
-//! A spatial model by its joint coordinates: where its bodies are in a pose, and how long its muscles are.
+//! Spatial models in joint coordinates: body frames and musculotendon lengths in a pose.
 //!
-//! Bodies form a tree from the ground; each joint has its coordinates (rad, m). Muscle paths go over fixed points, points that
-//! move with a coordinate, and wrapping surfaces. Everything is a function of the joint coordinates q; moment arms are −∂L/∂q.
+//! Bodies form a tree rooted at the ground; each joint has its own coordinates (rad, m). Muscle paths pass through
+//! fixed points and points that move with a coordinate, and around wrapping surfaces. All quantities are functions of
+//! the joint coordinates q; moment arms are −∂L/∂q.
 
 mod check;
 pub mod ellipsoid;
@@ -30,36 +31,36 @@ use surface::Surface;
 pub struct Skeleton {
     pub name: String,
     pub bodies: Vec<Body>,
-    /// In an order in which each parent comes before its child.
+    /// Sorted so that each parent comes before its child.
     pub joints: Vec<Joint>,
     pub coordinates: Vec<Coordinate>,
-    /// Points of two bodies held together, beside the joints.
+    /// Point constraints in addition to the joints.
     pub held_points: Vec<HeldPoint>,
     pub surfaces: Vec<Surface>,
     pub muscles: Vec<Muscle>,
     pub forces: Vec<Force>,
     /// Gravitational acceleration, m/s².
     pub gravity: [f64; 3],
-    /// What an abduction added to the motion turns.
+    /// The rotation by which a study adds abduction to the motion.
     pub abduction: Option<Abduction>,
 }
 
-/// How a body moves in a study.
+/// What determines the motion of a body in a study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// By forces.
+    /// Forces.
     Free,
-    /// As the motion file says.
+    /// The motion file.
     Given,
-    /// By the study's variant of the girdle.
+    /// The study's variant of the shoulder girdle.
     Girdle,
 }
 
 /// Variants of the shoulder girdle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Girdle {
-    /// Stays as it is at the start of the motion.
+    /// Stays in its pose at the start of the motion.
     Fixed,
     /// Moves as the motion file says.
     Prescribed,
@@ -67,7 +68,7 @@ pub enum Girdle {
     Equilibrium,
 }
 
-/// A point of each of two bodies (in their frames, m) that are one.
+/// A point constraint: two points, one in each body's frame (m), that coincide.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldPoint {
     pub name: String,
@@ -82,19 +83,21 @@ pub struct Force {
     pub body: usize,
     /// In the body's frame, m.
     pub point: [f64; 3],
-    /// Constant, N; from the motion file if `None`.
+    /// Constant force, N; taken from the motion file if `None`.
     pub force: Option<[f64; 3]>,
+    /// Factor on the force.
     pub scale: f64,
 }
 
-/// A rotation of a body, and all that hangs on it, about its joint and an axis of another body.
+/// A rotation of a body, and of everything attached to it, around the body's joint about an axis of another body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Abduction {
     pub body: usize,
+    /// The body that carries the axis.
     pub against: usize,
     /// In the axes of `against`.
     pub axis: [f64; 3],
-    /// Long axis of the body, in its own axes; its angle about `axis` is that which is reported.
+    /// Long axis of the body, in its own axes. Its angle about `axis` is the abduction that is reported.
     pub long_axis: [f64; 3],
 }
 
@@ -115,18 +118,18 @@ pub struct Body {
 #[derive(Clone, Debug)]
 pub struct Coordinate {
     pub name: String,
-    /// rad if true, m if not
+    /// True for an angle (rad), false for a displacement (m).
     pub is_angle: bool,
     pub default: f64,
-    /// Stays at its default in a study.
+    /// Fixed at its default in a study.
     pub locked: bool,
-    /// What it is meant for.
+    /// Intended range (rad, m).
     pub range: Option<[f64; 2]>,
-    /// It is a function of another coordinate, which follows none.
+    /// The independent coordinate that determines this one, and the function.
     pub follows: Option<(usize, Function)>,
 }
 
-/// A joint: frame in the parent, motion, frame in the child.
+/// A joint: its frame in the parent, its motion, its frame in the child.
 #[derive(Clone, Debug)]
 pub struct Joint {
     pub name: String,
@@ -138,25 +141,28 @@ pub struct Joint {
     pub motion: Motion,
 }
 
-/// What a joint lets its child do. Coordinates by index.
+/// The motion that a joint allows its child. Coordinates are indices.
 #[derive(Clone, Debug)]
 pub enum Motion {
     Weld,
-    /// Translations along axes of the parent's frame, then rotations about axes that move with the ones before.
+    /// Translations along axes of the parent's joint frame, then rotations. Each rotation turns the axes after it.
     Axes {
         translations: Vec<Axis>,
         rotations: Vec<Axis>,
     },
-    /// A point of the child slides on an ellipsoid, its z-axis normal to it; then it turns about its y-axis.
+    /// A point of the child slides on an ellipsoid, the child's z-axis normal to the surface; then the child turns
+    /// about its y-axis.
     ///
-    /// Coordinates: abduction, elevation, upward rotation, winging. Source: A. Seth et al., *PLoS ONE* 11(1), 2016, e0141028.
+    /// Coordinates: abduction, elevation, upward rotation, winging.
+    /// Source: A. Seth et al., *PLoS ONE* 11(1), 2016, e0141028.
     Ellipsoid {
+        /// m
         radii: [f64; 3],
         coordinates: [usize; 4],
     },
 }
 
-/// An axis of a joint: along or about `direction` by a function of a coordinate.
+/// An axis of a joint: translation along or rotation about `direction` by a function (m or rad) of a coordinate.
 #[derive(Clone, Debug)]
 pub struct Axis {
     pub coordinate: usize,
@@ -164,7 +170,7 @@ pub struct Axis {
     pub by: Function,
 }
 
-/// A muscle's path and its parameters.
+/// A musculotendon: its parameters and its path.
 #[derive(Clone, Debug)]
 pub struct Muscle {
     pub name: String,
@@ -180,9 +186,9 @@ pub struct Muscle {
     pub activation_time: f64,
     /// s
     pub deactivation_time: f64,
-    /// Optimal fibre lengths a second.
+    /// Optimal fibre lengths per second.
     pub max_shortening_velocity: f64,
-    /// The tendon does not stretch.
+    /// True if the tendon does not stretch.
     pub rigid_tendon: bool,
     pub force_velocity: ForceVelocity,
     pub path: MusclePath,
@@ -200,7 +206,7 @@ impl Motion {
         }
     }
 
-    /// The child's joint frame in the parent's.
+    /// The child's joint frame relative to the parent's joint frame, at coordinates `q`.
     pub fn frame<T: Scalar>(&self, q: &[T]) -> Frame<T> {
         match self {
             Motion::Weld => Frame::identity(),
@@ -210,33 +216,38 @@ impl Motion {
                     let distance = by.at(q[*coordinate]);
                     (0..3).for_each(|i| frame.origin[i] += distance * direction[i]);
                 }
-                let turned =
+                let rotate =
                     |frame, axis: &Axis| frame * Frame::rotation(axis.direction, axis.by.at(q[axis.coordinate]));
-                rotations.iter().fold(frame, turned)
+                rotations.iter().fold(frame, rotate)
             }
             Motion::Ellipsoid { radii, coordinates } => {
                 let [abduction, elevation, upward, winging] = coordinates.map(|c| q[c]);
                 let (x, y, z) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
-                // The ellipsoid's frame is turned by a quarter about z, so that abduction and elevation count positive.
-                let quarter = Frame::rotation(z, T::from(std::f64::consts::FRAC_PI_2));
-                let mut on = Frame::rotation(x, abduction) * Frame::rotation(y, elevation) * Frame::rotation(z, upward);
-                let turned = [radii[1], radii[0], radii[2]];
-                (0..3).for_each(|i| on.origin[i] = on.axes[i][2] * turned[i]);
-                quarter * on * quarter.inverse() * Frame::rotation(y, winging)
+                // The ellipsoid's frame is rotated by 90° about z, so that abduction and elevation are positive.
+                let quarter_turn = Frame::rotation(z, T::from(std::f64::consts::FRAC_PI_2));
+                let mut sliding =
+                    Frame::rotation(x, abduction) * Frame::rotation(y, elevation) * Frame::rotation(z, upward);
+                let rotated_radii = [radii[1], radii[0], radii[2]];
+                (0..3).for_each(|i| sliding.origin[i] = sliding.axes[i][2] * rotated_radii[i]);
+                quarter_turn * sliding * quarter_turn.inverse() * Frame::rotation(y, winging)
             }
         }
     }
 }
 
-/// Steps of the search for coordinates, and what counts as none.
-const STEPS: usize = 30;
-const NO_STEP: f64 = 1e-13;
-/// A frame this near (m, and as a rotation's entries) is the one.
-const SAME: f64 = 1e-5;
+/// Maximum number of Gauss–Newton steps in one search of [`Motion::coordinates_of`].
+const MAX_STEPS: usize = 30;
+/// The search ends when no coordinate changes by more than this, rad or m.
+const STEP_TOLERANCE: f64 = 1e-13;
+/// A frame matches if no entry (of the rotation matrix, or of the origin in m) is off by this much.
+const FRAME_TOLERANCE: f64 = 1e-5;
 
 impl Motion {
-    /// The coordinates (by index) at which the child's joint frame in the parent's is nearest to `wanted`: least squares over its entries,
-    /// by Gauss–Newton from `near` (all coordinates), from elsewhere if that leads nowhere.
+    /// Inverts [`Motion::frame`]: the coordinates (index and value) at which the frame is nearest to `wanted`.
+    ///
+    /// Minimises the squared differences of the frame's entries by Gauss–Newton. The search starts at `near` (values of
+    /// all coordinates of the model). Until one search reaches `wanted`, it is repeated from starts that are shifted by
+    /// ±2 rad or m in the first three coordinates.
     pub fn coordinates_of(&self, wanted: &Frame<f64>, near: &[f64]) -> Vec<(usize, f64)> {
         let coordinates = self.coordinates();
         if coordinates.is_empty() {
@@ -251,18 +262,18 @@ impl Motion {
         });
         let found = starts.map(|q| self.nearest(&coordinates, wanted, q));
         let mut best = (f64::INFINITY, near.to_vec());
-        for (miss, q) in found {
-            if miss < best.0 {
-                best = (miss, q);
+        for (error, q) in found {
+            if error < best.0 {
+                best = (error, q);
             }
-            if best.0 < SAME {
+            if best.0 < FRAME_TOLERANCE {
                 break;
             }
         }
         coordinates.into_iter().map(|c| (c, best.1[c])).collect()
     }
 
-    /// One search: how far off it ends, and where.
+    /// One search from `q`. Returns the largest error of an entry (before the last step) and the coordinates.
     fn nearest(&self, coordinates: &[usize], wanted: &Frame<f64>, mut q: Vec<f64>) -> (f64, Vec<f64>) {
         let entries = |frame: &Frame<Dual64>, part: fn(&Dual64) -> f64| {
             let all = frame.axes.iter().flatten().chain(&frame.origin);
@@ -270,30 +281,30 @@ impl Motion {
         };
         let target = DVector::from_iterator(12, wanted.axes.iter().flatten().chain(&wanted.origin).copied());
         let n = coordinates.len();
-        let mut miss = f64::INFINITY;
-        for _ in 0..STEPS {
-            let mut slopes = DMatrix::zeros(12, n);
-            let mut gap = DVector::zeros(12);
+        let mut error = f64::INFINITY;
+        for _ in 0..MAX_STEPS {
+            let mut jacobian = DMatrix::zeros(12, n);
+            let mut residual = DVector::zeros(12);
             for (k, &c) in coordinates.iter().enumerate() {
                 let seeded: Vec<Dual64> =
                     q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == c))).collect();
                 let frame = self.frame(&seeded);
-                slopes.set_column(k, &entries(&frame, |x| x.eps));
-                gap = &target - entries(&frame, |x| x.re);
+                jacobian.set_column(k, &entries(&frame, |x| x.eps));
+                residual = &target - entries(&frame, |x| x.re);
             }
-            miss = gap.amax();
-            let Ok(step) = slopes.svd(true, true).solve(&gap, 1e-9) else { break };
+            error = residual.amax();
+            let Ok(step) = jacobian.svd(true, true).solve(&residual, 1e-9) else { break };
             coordinates.iter().zip(step.iter()).for_each(|(&c, step)| q[c] += step);
-            if step.amax().is_nan() || step.amax() <= NO_STEP {
+            if step.amax().is_nan() || step.amax() <= STEP_TOLERANCE {
                 break;
             }
         }
-        (miss, q)
+        (error, q)
     }
 }
 
 impl Skeleton {
-    /// Where each body is: its frame in the ground's.
+    /// Frame of each body in the ground's frame, in the pose `q`.
     pub fn frames<T: Scalar>(&self, q: &[T]) -> Vec<Frame<T>> {
         let mut frames = vec![Frame::identity(); self.bodies.len()];
         for joint in &self.joints {
@@ -311,7 +322,7 @@ impl Skeleton {
         q
     }
 
-    /// Gives coordinates that follow others their values.
+    /// Sets each coordinate that follows another one to its function of that coordinate.
     pub fn follow<T: Scalar>(&self, q: &mut [T]) {
         for (k, coordinate) in self.coordinates.iter().enumerate() {
             if let Some((leader, by)) = &coordinate.follows {
@@ -320,12 +331,12 @@ impl Skeleton {
         }
     }
 
-    /// Whether a joint holds still in a study: a weld, or one of locked coordinates only.
+    /// True if a joint cannot move in a study: it is a weld, or all its coordinates are locked.
     pub fn is_locked(&self, joint: &Joint) -> bool {
         joint.motion.coordinates().iter().all(|&c| self.coordinates[c].locked)
     }
 
-    /// The joint that has a coordinate as the second of three rotations, the first two about axes at right angles.
+    /// The joint in which the coordinate is the second of three rotations, with perpendicular first and second axes.
     pub fn elevation_joint(&self, coordinate: usize) -> Option<&Joint> {
         self.joints.iter().find(|joint| match &joint.motion {
             Motion::Axes { rotations, .. } => {
@@ -339,6 +350,7 @@ impl Skeleton {
         })
     }
 
+    /// Index of the coordinate with this name.
     pub fn coordinate(&self, name: &str) -> Option<usize> {
         self.coordinates.iter().position(|coordinate| coordinate.name == name)
     }

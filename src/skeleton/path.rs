@@ -1,11 +1,13 @@
-//! Length of a muscle's path in a pose, and its slopes by the joint coordinates.
+//! Length L of a muscle path in a pose, and its derivatives with respect to the joint coordinates q.
 //!
-//! The path is the shortest that goes over its points and around its surfaces. Where it touches a surface it slides without
-//! changing its length to first order, so only its straight parts count for the slope (the envelope theorem):
+//! The path is the shortest one through its points and around its surfaces. A contact slides on its surface without
+//! changing the length to first order, so that only the straight parts contribute (envelope theorem):
 //!
 //! ```text
-//! ∂L/∂q = Σ over straight parts  û·(∂b/∂q − ∂a/∂q),   contacts moving with their surface's body
+//! ∂L/∂q = Σ over straight parts  û·(∂b/∂q − ∂a/∂q)
 //! ```
+//!
+//! A straight part runs from a to b in the direction of the unit vector û. Contacts are fixed to their surface's body.
 
 use num_dual::Dual64;
 
@@ -16,49 +18,50 @@ use super::wrapping::{Placed, touches};
 use super::{Muscle, Skeleton};
 use crate::numerics::Scalar;
 
-/// Step of differences of lengths, rad or m.
-const DIFFERENCE: f64 = 1e-5;
+/// Step of the central differences of a length, rad or m.
+const DIFFERENCE_STEP: f64 = 1e-5;
 
-/// A muscle's way: points, and surfaces that may come between any two of them.
+/// A muscle path: its points, and the surfaces that it may wrap between them.
 #[derive(Clone, Debug)]
 pub struct MusclePath {
     pub points: Vec<PathPoint>,
-    /// In the order in which they are put on the path, see [`super::wrapping`].
+    /// In the order in which they are placed on the path, see [`super::wrapping`].
     pub surfaces: Vec<Obstacle>,
 }
 
-/// A surface in the way.
+/// A surface that a path may wrap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Obstacle {
     /// Index of the surface.
     pub surface: usize,
-    /// First and last of the parts of the path (from 0, between two points) that it is in the way of; any if `None`.
+    /// First and last part of the path that may wrap it; any if `None`. Part k lies between points k and k + 1.
     pub parts: Option<[usize; 2]>,
 }
 
 impl Obstacle {
-    /// First and last of the segments between the points `met` that it may be on, all for `Some(None)`; `None` if there is none.
-    fn segments(&self, met: &[usize]) -> Option<Option<[usize; 2]>> {
+    /// Translates `parts` to the first and last segment between the active points `active` (indices, increasing):
+    /// `Some(None)` if any segment may wrap the surface, `None` if none is left.
+    fn segments(&self, active: &[usize]) -> Option<Option<[usize; 2]>> {
         let Some([first, last]) = self.parts else { return Some(None) };
-        let from = met.iter().position(|&point| point >= first)?;
-        let to = met.iter().rposition(|&point| point <= last + 1)?;
+        let from = active.iter().position(|&point| point >= first)?;
+        let to = active.iter().rposition(|&point| point <= last + 1)?;
         (from < to).then_some(Some([from, to - 1]))
     }
 }
 
-/// A point of a path, fixed to a body but for what it moves with coordinates.
+/// A path point. It is fixed to a body, apart from displacements driven by coordinates.
 #[derive(Clone, Debug)]
 pub struct PathPoint {
     pub body: usize,
     /// In the body's frame, m.
     pub point: Vector,
-    /// What is added to it.
+    /// Displacements added to `point`.
     pub moves: Vec<Move>,
-    /// The path goes over the point only while a coordinate (rad, m) is in a range, its ends included.
+    /// If given, the path passes through the point only while a coordinate (rad, m) is in the closed range.
     pub when: Option<(usize, [f64; 2])>,
 }
 
-/// A component (0: x, 1: y, 2: z) of a point moves by a function (m) of a coordinate.
+/// Displacement of one component (0: x, 1: y, 2: z) of a point by a function (m) of a coordinate.
 #[derive(Clone, Debug)]
 pub struct Move {
     pub component: usize,
@@ -67,7 +70,7 @@ pub struct Move {
 }
 
 impl PathPoint {
-    /// In the body's frame, in a pose.
+    /// Position in the body's frame in the pose `q`, m.
     pub fn local<T: Scalar>(&self, q: &[T]) -> [T; 3] {
         let mut local = self.point.map(T::from);
         for Move { component, coordinate, by } in &self.moves {
@@ -76,12 +79,13 @@ impl PathPoint {
         local
     }
 
-    /// Whether the path goes over it in a pose.
+    /// True if the path passes through the point in the pose `q`.
     pub fn is_met(&self, q: &[f64]) -> bool {
         self.when.is_none_or(|(coordinate, [low, high])| (low..=high).contains(&q[coordinate]))
     }
 
-    /// The coordinate and the slopes (m/rad) of a point that moves in proportion to one coordinate, with where it is at 0.
+    /// For a point that moves linearly with a single coordinate: the coordinate, the slope (m/rad), and the position at
+    /// coordinate 0 (m). `None` for all other points.
     pub fn in_proportion(&self) -> Option<(usize, Vector, Vector)> {
         let coordinate = self.moves.first()?.coordinate;
         let (mut point, mut slope) = (self.point, [0.0; 3]);
@@ -94,39 +98,40 @@ impl PathPoint {
     }
 }
 
-/// A corner of the path: one of its points, or where it comes to or leaves a surface.
+/// An end of a straight part: a path point, or a point where the path meets or leaves a surface.
 #[derive(Clone, Copy, Debug)]
 enum Corner<'p> {
     Point(&'p PathPoint),
-    /// On a body, at a place of its frame.
+    /// A body, and a position in its frame.
     Contact(usize, Vector),
 }
 
-/// A path in one pose.
+/// The course of a path in one pose.
 pub struct Routed<'p> {
     /// m
     pub length: f64,
     /// Indices of the surfaces that it touches.
     pub touched: Vec<usize>,
-    /// Whether it touches a torus, which is no fixed surface: the slope is then that of differences.
+    /// True if it touches a torus. The cylinder that replaces the torus moves with the path, so that the derivative
+    /// must be taken by differences.
     pub through_torus: bool,
     /// Ends of each straight part.
     straight: Vec<(Corner<'p>, Corner<'p>)>,
 }
 
 impl MusclePath {
-    /// The way the path takes with the bodies where `frames` says.
+    /// The course of the path in the pose `q`, with the bodies at `frames`.
     pub fn route<'p>(&'p self, skeleton: &Skeleton, q: &[f64], frames: &[Frame<f64>]) -> Routed<'p> {
-        let met: Vec<usize> = (0..self.points.len()).filter(|&i| self.points[i].is_met(q)).collect();
+        let active: Vec<usize> = (0..self.points.len()).filter(|&i| self.points[i].is_met(q)).collect();
         let place = |&i: &usize| frames[self.points[i].body].point(&self.points[i].local(q));
-        let places: Vec<Vector> = met.iter().map(place).collect();
+        let places: Vec<Vector> = active.iter().map(place).collect();
         let mut routed = Routed { length: 0.0, touched: Vec::new(), straight: Vec::new(), through_torus: false };
-        if met.len() < 2 {
+        if active.len() < 2 {
             return routed;
         }
         let known: Vec<(usize, Placed<'_>)> = (self.surfaces.iter())
             .filter_map(|obstacle| {
-                let segments = obstacle.segments(&met)?;
+                let segments = obstacle.segments(&active)?;
                 let surface = &skeleton.surfaces[obstacle.surface];
                 let frame = frames[surface.body] * surface.frame;
                 Some((obstacle.surface, Placed { frame, shape: &surface.shape, segments }))
@@ -135,7 +140,7 @@ impl MusclePath {
         let (surfaces, placed): (Vec<usize>, Vec<Placed<'_>>) = known.into_iter().unzip();
         let touches = touches(&places, &placed, &[]);
         let mut touches = touches.iter().peekable();
-        for (segment, pair) in met.windows(2).enumerate() {
+        for (segment, pair) in active.windows(2).enumerate() {
             let (mut from, mut place) = (Corner::Point(&self.points[pair[0]]), places[segment]);
             while let Some(touch) = touches.next_if(|touch| touch.segment == segment) {
                 let surface = surfaces[touch.surface];
@@ -156,7 +161,8 @@ impl MusclePath {
 }
 
 impl Routed<'_> {
-    /// ∂L/∂q of one coordinate, m/rad (or 1), from the frames of the bodies at q + ε of that coordinate.
+    /// ∂L/∂q of one coordinate, m/rad (dimensionless for a displacement). The dual parts of `q` and `frames` are the
+    /// derivatives with respect to that coordinate.
     pub fn slope(&self, q: &[Dual64], frames: &[Frame<Dual64>]) -> f64 {
         let place = |corner: &Corner<'_>| match corner {
             Corner::Point(point) => frames[point.body].point(&point.local(q)),
@@ -164,16 +170,17 @@ impl Routed<'_> {
         };
         let part = |(from, to): &(Corner<'_>, Corner<'_>)| {
             let (a, b) = (place(from), place(to));
-            let way = unit(&[0, 1, 2].map(|i| b[i].re - a[i].re));
-            (0..3).map(|i| way[i] * (b[i].eps - a[i].eps)).sum::<f64>()
+            let direction = unit(&[0, 1, 2].map(|i| b[i].re - a[i].re));
+            (0..3).map(|i| direction[i] * (b[i].eps - a[i].eps)).sum::<f64>()
         };
         self.straight.iter().map(part).sum()
     }
 }
 
 impl Skeleton {
-    /// Length of each muscle (m) and its moment arms −∂L/∂q by each coordinate (m for angles), in a pose. Coordinates that follow another
-    /// one go with it; their own moment arms are those of the coordinate alone.
+    /// Length (m) of each muscle and its moment arms −∂L/∂q (m for angles) for all coordinates, in the pose `q`.
+    ///
+    /// Coordinates that follow another one move with it. Their own moment arms are for a change of them alone.
     pub fn lengths_and_moment_arms(&self, q: &[f64]) -> Vec<(f64, Vec<f64>)> {
         let mut q = q.to_vec();
         self.follow(&mut q);
@@ -198,7 +205,7 @@ impl Skeleton {
         found
     }
 
-    /// ∂L/∂q of one coordinate, those that follow it going with it.
+    /// ∂L/∂q of coordinate `k` by central differences. Coordinates that follow it move with it.
     fn slope_by_differences(&self, muscle: &Muscle, q: &[f64], k: usize) -> f64 {
         let length = |step: f64| {
             let mut q = q.to_vec();
@@ -208,6 +215,6 @@ impl Skeleton {
             }
             muscle.path.route(self, &q, &self.frames(&q)).length
         };
-        (length(DIFFERENCE) - length(-DIFFERENCE)) / (2.0 * DIFFERENCE)
+        (length(DIFFERENCE_STEP) - length(-DIFFERENCE_STEP)) / (2.0 * DIFFERENCE_STEP)
     }
 }

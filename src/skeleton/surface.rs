@@ -1,14 +1,19 @@
-//! Wrapping surfaces: the shortest way around one, between two points outside it.
+//! Wrapping surfaces: the shortest path around one between two points outside it.
 //!
-//! When and on which side a path wraps are OpenSim's rules (`WrapCylinder`, `WrapSphere`, `WrapEllipsoid`, `WrapTorus`, version 4.6):
+//! Whether and which way a path wraps follows OpenSim 4.6 (`WrapCylinder`, `WrapSphere`, `WrapEllipsoid`, `WrapTorus`).
+//! The "line" is the straight line between the two ends.
 //!
-//! | surface | the path wraps | around |
-//! |---|---|---|
-//! | without a side | where the straight line runs through it | the shorter way |
-//! | cylinder with a side | where the line runs through it; where it passes on the other side of the axis, unless both ends are on the side; where neither end is on the side | the way that leaves the first point to the side, see [`positive_way`] |
-//! | sphere with a side | where the line runs through it | the way whose middle lies on the side, if an end does not |
-//! | ellipsoid with a side | where the line runs through it | the shortest geodesic whose middle lies on the side |
-//! | torus | as a cylinder at the point of the ring nearest to the line, its side the middle of the ring | |
+//! - Sphere, cylinder and ellipsoid without a side: the path wraps if the line runs through the surface, and takes the
+//!   shorter way.
+//! - Cylinder with a side: the path wraps if the line runs through it, if neither end is on the side, or if one end is
+//!   and the line passes the axis on the other side. It takes the way that leaves the first end towards the side, see
+//!   [`is_counterclockwise`].
+//! - Sphere with a side: the path wraps if the line runs through it. Unless both ends are on the side, it takes the
+//!   longer way if that one leads towards the side.
+//! - Ellipsoid with a side: the path wraps if the line runs through it, along the geodesic nearest to OpenSim's path
+//!   around the half on the side.
+//! - Torus: treated as a cylinder at the point of the ring nearest to the line, with the middle of the ring as its
+//!   side.
 
 use super::ellipsoid::around_ellipsoid;
 use super::frame::{Frame, Vector, along, cross, dot, minus, norm, unit};
@@ -20,20 +25,20 @@ pub struct Surface {
     pub name: String,
     /// Index of the body.
     pub body: usize,
-    /// In the body's frame.
+    /// Frame of the surface in the body's frame.
     pub frame: Frame<f64>,
     pub shape: Shape,
 }
 
-/// Lengths in m, in the surface's own frame.
+/// Shape of a surface in its own frame. Lengths in m.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     Sphere {
         radius: f64,
         side: Option<Side>,
     },
-    /// About the z-axis, the origin in its middle. A path that would come to it and leave it beyond its ends passes straight on, as in OpenSim:
-    /// where that begins, the length jumps. Without ends (`length` infinite) it does not.
+    /// Around the z-axis, centred at the origin. As in OpenSim, a path passes straight on if both of its contacts would
+    /// lie beyond the ends; where that begins, its length jumps. An infinite `length` avoids the jump.
     Cylinder {
         radius: f64,
         side: Option<Side>,
@@ -43,15 +48,17 @@ pub enum Shape {
         radii: Vector,
         side: Option<Side>,
     },
-    /// Its ring lies in the plane z = 0, the origin in its middle; paths go through the ring.
+    /// Around the z-axis, centred at the origin. Paths pass through the ring.
     Torus {
+        /// Radius of the centre line of the tube.
         ring: f64,
+        /// Radius of the tube.
         tube: f64,
         side: Option<Side>,
     },
 }
 
-/// The half of a surface that a path takes.
+/// The half of a surface that a path must take.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     /// 0: x, 1: y, 2: z
@@ -61,22 +68,22 @@ pub struct Side {
 }
 
 impl Side {
-    /// Whether a point of the surface's frame is on it.
+    /// True if a point (in the surface's frame) is on this side.
     pub fn holds(&self, x: &Vector) -> bool {
         (x[self.axis] >= 0.0) == (self.sign > 0.0)
     }
 }
 
-/// What a surface is to a straight line between two points.
+/// Relation of a surface to the straight line between two points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wrap {
-    /// It is not in the way.
+    /// The surface is not in the way.
     Missed,
-    /// An end is inside: there is no way around.
+    /// An end is inside the surface: there is no path around it.
     Inside,
-    /// The path wraps it, if not another segment of the path does with less detour.
+    /// The path wraps the surface here, unless another segment does so with a smaller detour.
     Possible(Contact),
-    /// The path must wrap it here.
+    /// The path must wrap the surface here.
     Certain(Contact),
 }
 
@@ -88,7 +95,7 @@ impl Wrap {
         }
     }
 
-    /// [`Contact::seen_from`], of the contact if there is one.
+    /// Applies [`Contact::seen_from`] to the contact, if there is one.
     pub fn seen_from(self, frame: &Frame<f64>) -> Self {
         match self {
             Wrap::Possible(contact) => Wrap::Possible(contact.seen_from(frame)),
@@ -98,7 +105,7 @@ impl Wrap {
     }
 }
 
-/// Where a path lies on a surface: it comes in at `first`, leaves at `last`, `length` of it between them.
+/// The part of a path that lies on a surface, from `first` to `last` (points) over `length` (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     pub first: Vector,
@@ -108,19 +115,21 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Length of a path that comes from `a` and goes on to `b`.
+    /// Length of the path from `a` over the contact to `b`, m.
     pub fn path_length(&self, a: &Vector, b: &Vector) -> f64 {
         norm(&minus(&self.first, a)) + self.length + norm(&minus(b, &self.last))
     }
 
-    /// The same contact in the frame that `frame` is in.
+    /// Transforms the contact from `frame` to the frame in which `frame` is given.
     pub fn seen_from(self, frame: &Frame<f64>) -> Self {
         Contact { first: frame.point(&self.first), last: frame.point(&self.last), ..self }
     }
 }
 
-/// How neighbouring geodesics spread along one: a distance y and slope y′ across its beginning become `along y + turned y′` and
-/// `bent y + kept y′` at its end (y″ = −K y, K the Gaussian curvature).
+/// Geodesic deviation along a contact: y″ = −K y, with K the Gaussian curvature.
+///
+/// A neighbouring geodesic with lateral distance y and slope y′ at the start has distance `along y + turned y′` and
+/// slope `bent y + kept y′` at the end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     pub along: f64,
@@ -129,11 +138,11 @@ pub struct Spread {
     pub kept: f64,
 }
 
-/// An end nearer to its contact counts as this far off, m.
-const SHORT: f64 = 1e-9;
+/// Lower bound of the distance between an end and its contact in [`Shape::curvature`], m.
+const MIN_DISTANCE: f64 = 1e-9;
 
 impl Shape {
-    /// All that tells one shape from another.
+    /// Kind, dimensions and side as numbers that identify the shape.
     pub fn sizes(&self) -> [f64; 5] {
         let of = |side: &Option<Side>| side.map_or(0.0, |side| side.sign * (1.0 + side.axis as f64));
         match self {
@@ -144,7 +153,7 @@ impl Shape {
         }
     }
 
-    /// Direction outwards at a point of the surface.
+    /// Outward unit normal at a point of the surface.
     pub fn normal(&self, x: &Vector) -> Vector {
         match self {
             Shape::Sphere { .. } => unit(x),
@@ -157,18 +166,21 @@ impl Shape {
         }
     }
 
-    /// Gradient and Hessian, over a then b, of the length of a path that touches, exact.
+    /// Exact gradient and Hessian, with respect to a and then b, of the length L of a touching path.
     ///
-    /// With t the way and n the surface's normal at a contact, D from there to the end, and b̂ = n × t: across the surface each
-    /// end sees a curvature 1/D (the contact rolls), along it the neighbouring geodesics (the contact stays on its
-    /// own). With m the distance at b of paths that leave a with slope 1:
+    /// At each contact, t is the direction of the path, n the normal of the surface, D the distance to the end, and
+    /// b̂ = n × t. Along n the curvature of L is 1/D, as the contact moves along its geodesic; along b̂ it follows from
+    /// the neighbouring geodesics. With m the lateral distance at b of a path that leaves a with slope 1, and
+    /// m′ = ∂m/∂D_b:
     ///
     /// ```text
     /// ∇L = (−t_a, t_b)      ∂²L/∂b² = n nᵀ/D_b + b̂ b̂ᵀ m′/m,   ∂²L/∂a∂b = − b̂_a b̂_bᵀ/m
     /// ```
+    ///
+    /// ∂²L/∂a² is the same with a in the place of b.
     pub fn curvature(&self, a: &Vector, b: &Vector, contact: &Contact) -> ([f64; 6], [[f64; 6]; 6]) {
         let (arriving, leaving) = (minus(&contact.first, a), minus(b, &contact.last));
-        let (da, db) = (norm(&arriving).max(SHORT), norm(&leaving).max(SHORT));
+        let (da, db) = (norm(&arriving).max(MIN_DISTANCE), norm(&leaving).max(MIN_DISTANCE));
         let (ta, tb) = (unit(&arriving), unit(&leaving));
         let (na, nb) = (self.normal(&contact.first), self.normal(&contact.last));
         let (across_a, across_b) = (cross(&na, &ta), cross(&nb, &tb));
@@ -187,8 +199,8 @@ impl Shape {
         ([-ta[0], -ta[1], -ta[2], tb[0], tb[1], tb[2]], hessian)
     }
 
-    /// What the surface is to the line from `a` to `b`, points of its frame. `near`: the contact of a path nearby, from which this one is
-    /// sooner found.
+    /// Relation of the surface to the line from `a` to `b` (in the surface's frame, m). `near`: the contact of a path
+    /// nearby as a starting guess.
     pub fn wrap(&self, a: &Vector, b: &Vector, near: Option<&Contact>) -> Wrap {
         match self {
             Shape::Sphere { radius, side } => around_sphere(*radius, *side, a, b),
@@ -205,14 +217,17 @@ impl Shape {
         }
     }
 
-    /// The contact of the path from `a` to `b`, points of the surface's frame; `None` if it does not touch.
+    /// Contact of the path from `a` to `b` (in the surface's frame, m); `None` if the path does not touch.
     pub fn contact(&self, a: &Vector, b: &Vector) -> Option<Contact> {
         self.wrap(a, b, None).contact()
     }
 }
 
-/// In the plane of both points and the centre: with A the angle between them and cos β = r/d at each, the line runs through
-/// where A > β_a + β_b. With a side and an end that is not on it, the path takes the way around that goes to that side of the line.
+/// Path around a sphere, in the plane of both ends and the centre.
+///
+/// With A the angle between the ends seen from the centre, and cos β = r/d for an end at distance d, the line runs
+/// through the sphere if A > β_a + β_b. With a side, and unless both ends are on it, the path takes the longer way if
+/// that one leads towards the side.
 pub fn around_sphere(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> Wrap {
     use std::f64::consts::TAU;
     let (da, db) = (norm(a), norm(b));
@@ -236,28 +251,30 @@ pub fn around_sphere(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) ->
     let Some(side) = side else { return Wrap::Possible(short) };
     let ends_on_side = [a, b].map(|x| side.holds(x));
     let long = way(across.map(|x| -x), TAU - angle - beta_a - beta_b);
-    // The way from the ends to the contacts.
+    // Displacement from the ends to the contacts of the longer way, along the axis of the side.
     let out = (long.first[side.axis] - a[side.axis]) + (long.last[side.axis] - b[side.axis]);
     let contact = if ends_on_side != [true; 2] && out * side.sign >= 0.0 { long } else { short };
     if ends_on_side == [false; 2] { Wrap::Possible(contact) } else { Wrap::Certain(contact) }
 }
 
-/// A line that comes no nearer to an axis than the radius less this share of it touches.
-const TOUCHES: f64 = 1e-12;
+/// Relative tolerance: a line that enters a cylinder by less than this fraction of the radius only touches it.
+const GRAZING: f64 = 1e-12;
 
-/// In the developed surface the path is straight: across the axis as around a circle, along it in proportion.
+/// Path around a cylinder: a straight line on the developed surface. Across the axis it is the path around a circle;
+/// along the axis it advances in proportion.
 fn around_cylinder(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> Wrap {
     use std::f64::consts::{PI, TAU};
     let (da, db) = (a[0].hypot(a[1]), b[0].hypot(b[1]));
     if da < radius || db < radius {
         return Wrap::Inside;
     }
-    // Where the line, endless, comes nearest to the axis.
-    let way = [b[0] - a[0], b[1] - a[1]];
-    let share = -(a[0] * way[0] + a[1] * way[1]) / (way[0] * way[0] + way[1] * way[1]);
-    let nearest = [a[0] + share * way[0], a[1] + share * way[1], 0.0];
-    // A line that touches, within rounding, does not.
-    let runs_through = nearest[0].hypot(nearest[1]) < radius * (1.0 - TOUCHES) && 0.0 < share && share < 1.0;
+    // Point of the infinite line nearest to the axis.
+    let direction = [b[0] - a[0], b[1] - a[1]];
+    let share =
+        -(a[0] * direction[0] + a[1] * direction[1]) / (direction[0] * direction[0] + direction[1] * direction[1]);
+    let nearest = [a[0] + share * direction[0], a[1] + share * direction[1], 0.0];
+    // A line that only touches, within rounding, does not run through.
+    let runs_through = nearest[0].hypot(nearest[1]) < radius * (1.0 - GRAZING) && 0.0 < share && share < 1.0;
     let is_certain = match side {
         None if runs_through => true,
         None => return Wrap::Missed,
@@ -271,13 +288,13 @@ fn around_cylinder(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> W
     };
     let (theta_a, theta_b) = (a[1].atan2(a[0]), b[1].atan2(b[0]));
     let (beta_a, beta_b) = ((radius / da).acos(), (radius / db).acos());
-    let counter = (theta_b - theta_a).rem_euclid(TAU);
-    let positive = match side {
-        None => counter <= PI,
-        Some(side) => positive_way(side, [theta_a, theta_b], [beta_a, beta_b]),
+    let turn = (theta_b - theta_a).rem_euclid(TAU);
+    let counterclockwise = match side {
+        None => turn <= PI,
+        Some(side) => is_counterclockwise(side, [theta_a, theta_b], [beta_a, beta_b]),
     };
-    let (sign, angle) = if positive { (1.0, counter) } else { (-1.0, TAU - counter) };
-    // Where the straight way passes on the other side, a path that must pass on this one goes around in a loop.
+    let (sign, angle) = if counterclockwise { (1.0, turn) } else { (-1.0, TAU - turn) };
+    // If the line passes on the other side, a path that must take this side makes a loop.
     let arc = (angle - beta_a - beta_b).rem_euclid(TAU);
     let (free_a, free_b) = ((da * da - radius * radius).sqrt(), (db * db - radius * radius).sqrt());
     let across = free_a + radius * arc + free_b;
@@ -293,28 +310,30 @@ fn around_cylinder(radius: f64, side: Option<Side>, a: &Vector, b: &Vector) -> W
     if is_certain { Wrap::Certain(contact) } else { Wrap::Possible(contact) }
 }
 
-/// Whether a path goes around a cylinder with a side in the mathematically positive sense: from ends at angles θ to contacts at θ_a + β_a and
-/// θ_b − β_b, instead of θ_a − β_a and θ_b + β_b. Of the two contacts of the first end that on the side decides; where both or none is, those of the
-/// second end; where none of the four is, the longer way.
-fn positive_way(side: Side, theta: [f64; 2], beta: [f64; 2]) -> bool {
+/// True if a path goes around a cylinder with a side counterclockwise about z.
+///
+/// The ends are at angles θ. The contacts are at θ_a + β_a and θ_b − β_b if the path goes counterclockwise, and at
+/// θ_a − β_a and θ_b + β_b if it goes clockwise. The path takes the direction whose first contact is on the side. If
+/// both or neither are, the second contacts decide. If none of the four is on the side, the path takes the longer way.
+fn is_counterclockwise(side: Side, theta: [f64; 2], beta: [f64; 2]) -> bool {
     use std::f64::consts::{PI, TAU};
     let on_side = |angle: f64| side.holds(&[angle.cos(), angle.sin(), 0.0]);
-    let positive = [theta[0] + beta[0], theta[1] - beta[1]];
-    let negative = [theta[0] - beta[0], theta[1] + beta[1]];
-    match (on_side(positive[0]), on_side(negative[0])) {
-        (true, true) => !on_side(negative[1]),
+    let forward = [theta[0] + beta[0], theta[1] - beta[1]];
+    let backward = [theta[0] - beta[0], theta[1] + beta[1]];
+    match (on_side(forward[0]), on_side(backward[0])) {
+        (true, true) => !on_side(backward[1]),
         (true, false) => true,
         (false, true) => false,
-        (false, false) if on_side(negative[1]) => false,
-        (false, false) if on_side(positive[1]) => true,
+        (false, false) if on_side(backward[1]) => false,
+        (false, false) if on_side(forward[1]) => true,
         (false, false) => {
             let between = |[from, to]: [f64; 2]| PI - ((to - from).rem_euclid(TAU) - PI).abs();
-            between(positive) > between(negative)
+            between(forward) > between(backward)
         }
     }
 }
 
-/// An orthonormal pair across `normal`.
+/// Two unit vectors that are orthogonal to each other and to `normal`.
 pub fn tangents(normal: &Vector) -> (Vector, Vector) {
     let smallest = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).expect("three axes");
     let mut axis = [0.0; 3];
@@ -334,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_have_their_first_and_second_derivatives() {
+    fn gradients_and_hessians_match_differences() {
         let side = Some(Side { axis: 1, sign: -1.0 });
         let shapes = [
             Shape::Sphere { radius: 0.03, side: None },
@@ -354,7 +373,7 @@ mod tests {
                     [1.0, 0.9].iter().all(|f| shape.wrap(&x.map(|x| f * x), &[1.0; 3], None) != Wrap::Inside)
                 };
                 let Some((_, contact)) = length(shape, &x[0], &x[1]) else { continue };
-                // Not where the way changes sides, nor where contact comes and goes.
+                // Skip points near a change of side or a loss of contact, where the length is not smooth.
                 if !far(&x[0]) || !far(&x[1]) || contact.length < 1e-3 || contact.spread.kept < -0.3 {
                     continue;
                 }

@@ -1,13 +1,13 @@
-//! A spatial model as the text of a file that a person can read and change.
+//! Writes a spatial model as a TOML file that people can read and edit.
 
 use toml::{Table, Value};
 
 use super::file::SkeletonFile;
 
-/// Columns of a line, at most, before a path is written a point a line.
+/// Maximum length of a line, bytes. Longer arrays of tables are written with one item per line.
 const WIDTH: usize = 120;
 
-/// TOML: a table an entry, defaults left out, `#` before each line of `comment`.
+/// The model as TOML, without default values. `comment` goes first, each line prefixed with `#`.
 pub fn text(file: &SkeletonFile, comment: &str) -> String {
     let table = Table::try_from(file).expect("a model is plain data");
     let mut out: String = comment.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n").collect();
@@ -24,13 +24,14 @@ pub fn text(file: &SkeletonFile, comment: &str) -> String {
     for (key, value) in entries {
         for entry in value.as_array().into_iter().flatten().filter_map(Value::as_table) {
             out.push_str(&format!("\n[[{key}]]\n"));
-            let said = entry.iter().filter(|(key, value)| !is_default(key, value));
-            said.for_each(|(key, value)| out.push_str(&line(key, value)));
+            let written = entry.iter().filter(|(key, value)| !is_default(key, value));
+            written.for_each(|(key, value)| out.push_str(&line(key, value)));
         }
     }
     out
 }
 
+/// True for an array of tables (`[[key]]`), also an empty one.
 fn is_entries(value: &Value) -> bool {
     value.as_array().is_some_and(|items| items.first().is_none_or(Value::is_table))
 }
@@ -47,12 +48,12 @@ fn line(key: &str, value: &Value) -> String {
     }
 }
 
-/// Without what is as by default, at any depth.
+/// Removes default values at any depth.
 fn tidy(value: &Value) -> Value {
     match value {
         Value::Table(table) => {
-            let said = table.iter().filter(|(key, value)| !is_default(key, value));
-            Value::Table(said.map(|(key, value)| (key.clone(), tidy(value))).collect())
+            let kept = table.iter().filter(|(key, value)| !is_default(key, value));
+            Value::Table(kept.map(|(key, value)| (key.clone(), tidy(value))).collect())
         }
         Value::Array(items) => Value::Array(items.iter().map(tidy).collect()),
         other => other.clone(),

@@ -261,7 +261,7 @@ fn mistakes_in_spatial_models_are_named() {
         ),
         ("child = \"ulna\"", "child = \"unla\"", &["joint.elbow.child", "did you mean `ulna`"]),
         ("child = \"ulna\"", "child = \"scapula\"", &["is the child of two joints"]),
-        ("parent = \"ulna\"", "parent = \"hand\"", &["does not hang on the ground"]),
+        ("parent = \"ulna\"", "parent = \"hand\"", &["is not connected to the ground"]),
         ("dimensions = 3", "dimensions = 2", &["dimensions", "found 2"]),
         ("name = \"pro_sup\"", "name = \"supination\"", &["there is no coordinate `pro_sup`"]),
         ("side = \"-y\"", "side = \"-z\"", &["found \"-z\"", "x, -x, y, -y"]),
