@@ -115,7 +115,7 @@ const LATIN_1: [&str; 3] = ["osim", "mot", "sto"];
 const MAX_SHOWN_LINE: usize = 1000;
 
 impl SourceFile {
-    /// Reads a text file of at most [`LARGEST`]. OpenSim's files may be Latin-1.
+    /// Reads a text file of at most [`MAX_BYTES`]. OpenSim's files may be Latin-1.
     ///
     /// # Errors
     /// If the file cannot be read, is larger, or is not UTF-8.

@@ -14,8 +14,8 @@ use crate::outcome::SensitivityRow;
 use crate::transcription::collocation::{Collocation, Combination, evaluate};
 use crate::transcription::instant::{ACTIVATION, ACTIVATION_RATE, EXCITATION, LENGTH, VELOCITY};
 
-/// A null direction of length 1 that changes a mean activation by no more than this does not move it.
-const MOVES_ACTIVATION_ABOVE: f64 = 1e-6;
+/// A null direction of length 1 moves a mean activation if it changes it by more than this.
+const MOVES_ACTIVATION: f64 = 1e-6;
 /// An active bound is strongly active if its multiplier exceeds this fraction of the largest one.
 const STRONGLY_ACTIVE: f64 = 1e-9;
 /// Parts with a smaller share of the null space are not described.
@@ -40,7 +40,7 @@ pub fn activation_intervals(
     null_directions: &[Vec<f64>],
     deadline: Deadline,
 ) -> Vec<Option<(f64, f64)>> {
-    let moves = |mean: &Combination| null_directions.iter().any(|d| evaluate(mean, d).abs() > MOVES_ACTIVATION_ABOVE);
+    let moves = |mean: &Combination| null_directions.iter().any(|d| evaluate(mean, d).abs() > MOVES_ACTIVATION);
     let mut programme = None;
     means
         .iter()

@@ -227,24 +227,24 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
         return Err(text.error(file, message, "keep the one in seconds"));
     }
     let coordinates = model.joint_coordinates();
-    let mut any = false;
+    let mut has_coordinate = false;
     for (coordinate, _) in &coordinates {
         let own = named(&|column| matches!(column, Column::Coordinate(name, _) if name == coordinate));
-        any |= !own.is_empty();
+        has_coordinate |= !own.is_empty();
         if own.len() > 1 {
             let message = format!("the joint coordinate `{coordinate}` has {} columns: {}", own.len(), own.join(", "));
             return Err(text.error(file, message, "keep one of them"));
         }
     }
-    if !any {
+    if !has_coordinate {
         let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
         let message = format!("no column is a joint coordinate of the model `{}`", model.name);
         return Err(text.error(file, message, &format!("the model has: {}", known.join(", "))));
     }
     for (k, force) in model.measured_forces().iter().enumerate() {
-        let there = named(&|column| matches!(column, Column::Force(own, _) if *own == k)).len();
-        if there != 3 {
-            let message = format!("the external force `{force}` has {there} of its three columns");
+        let present = named(&|column| matches!(column, Column::Force(own, _) if *own == k)).len();
+        if present != 3 {
+            let message = format!("the external force `{force}` has {present} of its three columns");
             let help =
                 format!("add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or specify the force in the model");
             return Err(text.error(file, message, &help));

@@ -8,10 +8,10 @@
 //!     ⎣ M  0  ⎦
 //! ```
 //!
-//! are ±σ_i and zeros. The number of singular values above s > 0 is therefore the number of positive pivots of the L D
-//! Lᵀ factorisation with −s on the diagonal (Sylvester's law of inertia; [`StagedLdl`]). Nothing is squared, so
-//! singular values down to about 1e-15 σ_max are resolved, as by a dense decomposition. Inverse iteration with the
-//! same factors gives null vectors.
+//! are ±σ_i and zeros. The number of singular values above s > 0 is therefore the number of positive pivots of its LDLᵀ
+//! factorisation with −s on the diagonal (Sylvester's law of inertia; [`StagedLdl`]). Nothing is squared, so singular
+//! values down to about 1e-15 σ_max are resolved, as by a dense decomposition. Inverse iteration with the same factors
+//! gives null vectors.
 
 use faer::{Mat, linalg::solvers::Qr};
 use rand::{RngExt, SeedableRng};

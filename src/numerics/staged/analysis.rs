@@ -159,7 +159,8 @@ fn to_u16(place: usize) -> u16 {
 }
 
 /// The fronts of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0. `equations` are
-/// unknowns with a zero diagonal, which cannot be pivots on their own; `loose` ones may be uncoupled.
+/// unknowns with a zero or negligible diagonal entry, which cannot be pivots on their own; `loose` ones may be
+/// uncoupled.
 pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Fronts {
     let order = matrix.columns;
     let count = stage.iter().max().map_or(0, |last| last + 1);

@@ -174,7 +174,7 @@ pub struct StagedLdl {
     /// Diagonal scaling S; the factorised matrix is S K S.
     scale: Vec<f64>,
     fronts: Arc<Fronts>,
-    /// Multipliers of equations, and loose ones; see [`StagedLdl::new`].
+    /// The ranges `equations` and `loose`; see [`StagedLdl::new`].
     duals: [Range<usize>; 2],
     factors: Factors,
     checkpoints: Checkpoints,
@@ -226,8 +226,9 @@ fn shared_fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loos
 impl StagedLdl {
     /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0.
     ///
-    /// The duals (multipliers) are two ranges of unknowns: `equations` have a zero diagonal; `loose` ones may be
-    /// uncoupled, that is, have nothing but their diagonal entry (multipliers of inactive inequalities).
+    /// The duals (multipliers) are two ranges of unknowns: `equations` have a zero or negligible diagonal
+    /// entry; `loose` ones may be uncoupled, that is, have nothing but their diagonal entry (multipliers of inactive
+    /// inequalities).
     pub fn new(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Self {
         Self {
             column_start: matrix.column_start.clone(),
@@ -259,8 +260,8 @@ impl StagedLdl {
     /// usable factors.
     ///
     /// Why stopping early is safe: if the block of the duals is negative definite, the inertia of the matrix is that of
-    /// this block plus that of its Schur complement. Of the negative eigenvalues of a principal submatrix, each dual
-    /// outside it accounts for one at most (interlacing).
+    /// this block plus that of its Schur complement. Each dual outside a principal submatrix accounts for at most one
+    /// of its negative eigenvalues (interlacing).
     pub fn solve_convex(&mut self, values: &[f64], x: &mut [f64]) -> bool {
         let duals: usize = self.duals.iter().map(Range::len).sum();
         let is_convex = self.eliminate(values, Some(x))
