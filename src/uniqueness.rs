@@ -167,7 +167,7 @@ pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &
         .into_iter()
         .filter(|(_, (square, _))| *square >= MIN_SHARE * total && total > 0.0)
         .map(|((m, kind), (square, product))| {
-            let moves = if product < -0.3 * square { "alternates between points" } else { "is free" };
+            let moves = if product < -0.3 * square { "alternates between points" } else { "free" };
             let words = match model.muscles.get(m) {
                 None => format!("the motion {moves}"),
                 Some(muscle) => {
