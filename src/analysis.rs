@@ -1,5 +1,5 @@
-//! What is said of the runs of a job: the best one's loads, ranks where they are wanted, how far the answer may move, how it follows
-//! parameters, and how far it is off for the mesh.
+//! Turns the runs of a job into result rows: loads of the best run, ranks if requested, intervals of non-unique
+//! activations, sensitivities to parameters, and discretisation errors.
 
 use crate::deadline::Deadline;
 use crate::mesh_error;
@@ -19,30 +19,36 @@ use crate::transcription::prediction::{Setting, predict};
 use crate::transcription::scheme::Discretisation;
 use crate::uniqueness::{self, Linearised};
 
-/// Objectives closer than this (relative) with the same idle muscles are one optimum.
+/// Runs with the same idle muscles whose objectives differ by no more than this (relative) have reached the same
+/// optimum.
 const SAME_OPTIMUM: f64 = 1e-6;
-/// A null direction (of length 1) that moves a normalised muscle force by more than this moves loads.
+/// A null direction of length 1 moves loads if it changes a normalised muscle force by more than this.
 const MOVES_LOAD: f64 = 1e-6;
 
-/// What came of a job's starts. Of all but the best only the optima are kept: there may be very many starts.
+/// Results of the starts of a job. Only the best run and the distinct optima are kept, as there may be very many
+/// starts.
 pub struct Runs {
-    /// The converged run of lowest objective; if none converged, that of least KKT error.
+    /// The converged run with the lowest objective; if none has converged, the one with the smallest KKT error.
     pub best: SqpOutcome,
+    /// Number of runs.
     pub made: usize,
+    /// Number of converged runs.
     pub converged: usize,
     optima: Vec<Optimum>,
 }
 
-/// An optimum: objectives more than 1e-6 relative, or idle sets, apart.
+/// A distinct optimum; see [`SAME_OPTIMUM`].
 struct Optimum {
-    /// Of lowest objective.
+    /// The iterate with the lowest objective.
     iterate: Iterate,
+    /// By muscle.
     idle: Vec<bool>,
+    /// Number of starts that reached it.
     starts: i64,
 }
 
 impl Runs {
-    /// Of the first run.
+    /// The results with the first run.
     pub fn of(run: SqpOutcome, problem: &Collocation<'_>) -> Self {
         let mut runs = Self { best: run, made: 1, converged: 0, optima: Vec::new() };
         if runs.best.status == SqpStatus::Converged {
@@ -52,7 +58,7 @@ impl Runs {
         runs
     }
 
-    /// Adds one run more.
+    /// Adds a run.
     pub fn add(&mut self, run: SqpOutcome, problem: &Collocation<'_>) {
         self.made += 1;
         let error = |run: &SqpOutcome| Some(run.iterate.kkt_error().largest()).filter(|e| e.is_finite());
@@ -67,7 +73,7 @@ impl Runs {
         if run.status == SqpStatus::Converged {
             self.converged += 1;
             let new = Optimum::of(run.iterate.clone(), problem);
-            match self.optima.iter_mut().find(|known| known.is(&new)) {
+            match self.optima.iter_mut().find(|known| known.is_same(&new)) {
                 Some(known) => {
                     known.starts += 1;
                     if new.iterate.objective < known.iterate.objective {
@@ -88,13 +94,13 @@ impl Optimum {
         Self { idle: idle(problem, &iterate.x), iterate, starts: 1 }
     }
 
-    fn is(&self, other: &Self) -> bool {
+    fn is_same(&self, other: &Self) -> bool {
         let (a, b) = (self.iterate.objective, other.iterate.objective);
         (a - b).abs() <= SAME_OPTIMUM * a.abs().max(b.abs()) && self.idle == other.idle
     }
 }
 
-/// What a job solved.
+/// The problem that a job has solved.
 pub struct Context<'c> {
     pub problem: &'c Collocation<'c>,
     pub scheme: &'c dyn Discretisation,
@@ -103,17 +109,18 @@ pub struct Context<'c> {
     pub deadline: Deadline,
 }
 
-/// The rows of a job from its runs.
+/// The result rows of a job from its runs.
 pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
     let Context { problem, scheme, measurement, settings, deadline } = *context;
     let run = &runs.best;
     let converged = run.status == SqpStatus::Converged;
-    // Ranks are taken at the polished point; it is also the solution where it is as good a one.
+    // Ranks are computed at the polished point. It also serves as the solution if its KKT error is within the target or
+    // no larger than that of the run.
     let polished = if deadline.passed() { None } else { polished(kkt, problem, &run.iterate) };
     let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
     let target = SqpSettings::default().target;
-    let good = ranked_at.kkt_error().largest() <= target.max(run.iterate.kkt_error().largest());
-    let point = if good { ranked_at } else { &run.iterate };
+    let is_as_good = ranked_at.kkt_error().largest() <= target.max(run.iterate.kkt_error().largest());
+    let point = if is_as_good { ranked_at } else { &run.iterate };
     let solution = Solution { problem, scheme, measurement, iterate: point };
     let mut outcome = Outcome {
         job: JobRow {
@@ -132,11 +139,11 @@ pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
     if settings.trajectories {
         outcome.trajectories = solution.trajectory_rows();
     }
-    let ranks_wanted = settings.regularity != RegularityMode::Off;
-    let mut counter = (ranks_wanted && !deadline.passed()).then(|| RankCounter::new(problem));
+    let with_ranks = settings.regularity != RegularityMode::Off;
+    let mut counter = (with_ranks && !deadline.passed()).then(|| RankCounter::new(problem));
     counter.iter_mut().for_each(|counter| counter.deadline = deadline);
-    let every = counter.as_mut().filter(|_| settings.regularity == RegularityMode::EveryIteration);
-    outcome.iterations = iteration_rows(problem, run, every);
+    let every_iteration = counter.as_mut().filter(|_| settings.regularity == RegularityMode::EveryIteration);
+    outcome.iterations = iteration_rows(problem, run, every_iteration);
     if let Some(counter) = &mut counter {
         add_ranks(&mut outcome, context, counter, &solution, ranked_at, converged);
     }
@@ -146,15 +153,15 @@ pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
     if converged {
         add_changes(&mut outcome, context, kkt, &solution);
     }
-    if ranks_wanted && converged && deadline.passed() {
-        let reason = "solved, but the time limit of the job passed before all ranks were taken; raise time_limit_s";
+    if with_ranks && converged && deadline.passed() {
+        let reason = "solved, but the job reached its time limit before all ranks were computed; raise time_limit_s";
         (outcome.job.status, outcome.job.error) = (Status::TimeLimit, Some(reason.to_owned()));
         withdraw(&mut outcome);
     }
     outcome
 }
 
-/// Ranks, and the intervals of what may move; verdicts only where the run has converged.
+/// Adds ranks and, if the run has converged, the intervals of mean activations and the verdicts on uniqueness.
 fn add_ranks(
     outcome: &mut Outcome,
     context: &Context<'_>,
@@ -169,7 +176,7 @@ fn add_ranks(
         return;
     };
     if converged {
-        // The last iterate is the solution: its count is the polished one.
+        // The last iterate is the solution: report the deficiencies at the polished point for it.
         if let Some(last) = outcome.iterations.last_mut() {
             (last.deficiency_a, last.deficiency_aj) = (Some(row.a.deficiency), Some(row.aj.deficiency));
         }
@@ -185,7 +192,7 @@ fn add_ranks(
     }
 }
 
-/// Takes away what only a converged job may say.
+/// Removes the results that are valid only for a converged job.
 fn withdraw(outcome: &mut Outcome) {
     if let Some(row) = &mut outcome.regularity {
         (row.multipliers_unique, row.answer_unique, row.loads_unique, row.null_space) = (None, None, None, None);
@@ -198,7 +205,7 @@ fn withdraw(outcome: &mut Outcome) {
     outcome.job.effort_mesh_error = None;
 }
 
-/// How the answer follows parameters, where ranks are wanted, and how far it is off for the mesh.
+/// Adds sensitivities (if ranks are requested) and discretisation errors.
 fn add_changes(outcome: &mut Outcome, context: &Context<'_>, kkt: &mut Kkt, solution: &Solution<'_>) {
     let Context { problem, measurement, settings, .. } = *context;
     let Some(mut linearised) = Linearised::new(kkt, problem, solution.iterate) else { return };
@@ -209,7 +216,7 @@ fn add_changes(outcome: &mut Outcome, context: &Context<'_>, kkt: &mut Kkt, solu
         let slopes = |direction: &[f64]| solution.mean_force_slopes(direction);
         outcome.sensitivities = uniqueness::sensitivities(&mut linearised, problem, &parameters, slopes, &means);
     }
-    // The midpoint rule's error does not fall with the mesh.
+    // The error of the midpoint scheme does not decrease with mesh refinement.
     let error = (settings.scheme == Scheme::Radau).then(|| mesh_error::estimate(solution, &mut linearised)).flatten();
     if let Some(error) = error {
         outcome.job.effort_mesh_error = Some(error.effort);
@@ -219,18 +226,19 @@ fn add_changes(outcome: &mut Outcome, context: &Context<'_>, kkt: &mut Kkt, solu
     }
 }
 
-/// The optima that the starts met, the lowest first. `lowest`: the deficiencies of the lowest one where they are known.
+/// The optima reached by the starts, in order of increasing objective. `lowest`: the deficiencies of the first one, if
+/// known.
 fn optima(
     kkt: &mut Kkt,
     problem: &Collocation<'_>,
-    met: &[Optimum],
+    reached: &[Optimum],
     mut counter: Option<&mut RankCounter>,
     lowest: Option<(i64, i64)>,
 ) -> Vec<OptimumRow> {
-    let mut met: Vec<&Optimum> = met.iter().collect();
-    met.sort_by(|a, b| a.iterate.objective.total_cmp(&b.iterate.objective));
+    let mut reached: Vec<&Optimum> = reached.iter().collect();
+    reached.sort_by(|a, b| a.iterate.objective.total_cmp(&b.iterate.objective));
     let mut rows: Vec<OptimumRow> = Vec::new();
-    for Optimum { iterate, idle, starts } in met {
+    for Optimum { iterate, idle, starts } in reached {
         let deficiencies = lowest.filter(|_| rows.is_empty()).or_else(|| {
             let counter = counter.as_mut()?;
             let point = polished(kkt, problem, iterate).unwrap_or_else(|| iterate.clone());
@@ -250,7 +258,7 @@ fn optima(
     rows
 }
 
-/// Which muscles have |a| ≤ 1e-8 at every collocation point.
+/// Whether each muscle is idle: |a| ≤ 1e-8 at every collocation point.
 pub fn idle(problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
     let muscles = problem.instant.model.muscles.len();
     let mut idle = vec![true; muscles];
@@ -263,10 +271,10 @@ pub fn idle(problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
     idle
 }
 
-/// The solution with active bounds exactly on their value.
+/// The solution with the active bounds satisfied exactly. `None` if polishing fails.
 fn polished(kkt: &mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Option<Iterate> {
     let mut x = polish(kkt, problem, &iterate.x, &active(&iterate.inequalities))?;
-    // An idle muscle is put to exactly 0 where a ≥ 0 is not imposed, too.
+    // Set the activation of an idle muscle to exactly 0, even where a ≥ 0 is not imposed.
     for (m, idle) in idle(problem, &x).into_iter().enumerate() {
         if idle {
             let at = problem.instant.muscle(m) + ACTIVATION;
@@ -285,12 +293,13 @@ fn polished(kkt: &mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Opti
     Some(polished)
 }
 
-/// Rows of `iterate`'s inequalities that are active, those of f_m ≥ 0 apart.
+/// Rows of the active inequalities of `iterate`, except f_m ≥ 0; and those of f_m ≥ 0.
 fn active_rows(problem: &Collocation<'_>, iterate: &Iterate) -> (Vec<usize>, Vec<usize>) {
     let active = active(&iterate.inequalities);
     (0..active.len()).filter(|&row| active[row]).partition(|&row| problem.bounds[row].kind != BoundKind::Force)
 }
 
+/// One row per SQP iteration; deficiencies if there is a `counter`, until its deadline passes.
 fn iteration_rows(
     problem: &Collocation<'_>,
     run: &SqpOutcome,
@@ -322,7 +331,8 @@ fn iteration_rows(
         .collect()
 }
 
-/// Ranks at a polished point, beside what the pattern of active bounds predicts.
+/// Ranks at a polished point, with the deficiencies predicted from the pattern of active bounds; the singular values
+/// around the tolerance; and the null directions. `None` if the ranks cannot be computed.
 fn regularity_rows(
     counter: &mut RankCounter,
     problem: &Collocation<'_>,

@@ -1,9 +1,9 @@
-//! Names the solver at compile time: a hash of the sources and libraries that decide the numbers of a result. Results carry
-//! it, so that a run can say which of them an older solver made.
+//! Build script: identifies the solver by a hash of the sources and libraries that determine its numerical results.
+//! Results carry this identifier, so that a run can tell which of them an older solver computed.
 
 use std::path::{Path, PathBuf};
 
-/// Of `src/`: what turns a job into numbers.
+/// Paths under `src/` that determine the numerical results of a job.
 const SOURCES: [&str; 17] = [
     "analysis.rs",
     "deadline.rs",
@@ -23,6 +23,7 @@ const SOURCES: [&str; 17] = [
     "uniqueness.rs",
     "warm.rs",
 ];
+/// Dependencies that determine the numerical results, with their versions in `Cargo.lock`.
 const LIBRARIES: [&str; 8] = ["clarabel", "faer", "nalgebra", "num-dual", "pulp", "rand", "rand_chacha", "rand_distr"];
 
 fn main() {
@@ -41,7 +42,7 @@ fn main() {
     println!("cargo::rustc-env=SINEW_SOLVER={}+{:08x}", std::env::var("CARGO_PKG_VERSION").unwrap(), hash.0 as u32);
 }
 
-/// Fowler–Noll–Vo 1a, 64 bits: enough to tell versions apart, and no dependency.
+/// 64-bit FNV-1a (Fowler–Noll–Vo): sufficient to distinguish versions, without a dependency.
 struct Fnv(u64);
 
 impl Default for Fnv {

@@ -1,4 +1,4 @@
-//! What can go wrong before a job starts: bad input and I/O. (A job that fails is a row with a status.)
+//! Errors before a job starts: bad input and I/O. (A job that fails is not an error, but a row with a status.)
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ pub enum Error {
     Table { action: &'static str, path: PathBuf, reason: String },
 }
 
-/// Something wrong at a place in a file: what was found, what is allowed, how to mend it.
+/// A mistake at a place in a file: what was found, what is allowed, and how to fix it.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("{message}")]
 pub struct InputError {
@@ -39,10 +39,10 @@ pub struct InputError {
 }
 
 impl Error {
-    /// Several mistakes as one error; there is at least one.
+    /// Combines several mistakes into one error. `errors` must not be empty.
     pub fn all(errors: impl IntoIterator<Item = Error>) -> Self {
         let mut errors = errors.into_iter();
-        let mut first = errors.next().expect("an error");
+        let mut first = errors.next().expect("at least one error");
         if let Error::Input(first) = &mut first {
             for error in errors {
                 if let Error::Input(mut other) = error {
@@ -63,6 +63,7 @@ impl Error {
     }
 }
 
+/// The remedy for an I/O error.
 fn hint(cause: &std::io::Error, path: &Path) -> String {
     match cause.kind() {
         std::io::ErrorKind::NotFound => match nearest_file(path) {
@@ -71,10 +72,11 @@ fn hint(cause: &std::io::Error, path: &Path) -> String {
         },
         std::io::ErrorKind::PermissionDenied => "check the permissions of the file and its folder".to_owned(),
         std::io::ErrorKind::StorageFull => "free some space and run again: finished jobs are kept".to_owned(),
-        _ => "check that the path is right and readable".to_owned(),
+        _ => "check that the path is correct and readable".to_owned(),
     }
 }
 
+/// The file in the same folder with the most similar name, if one is similar.
 fn nearest_file(path: &Path) -> Option<PathBuf> {
     let name = path.file_name()?.to_str()?;
     let folder = path.parent()?;
@@ -85,7 +87,7 @@ fn nearest_file(path: &Path) -> Option<PathBuf> {
     nearest(name, names.iter().map(String::as_str).filter(|other| *other != name)).map(|near| folder.join(near))
 }
 
-/// The allowed word nearest to a misspelt one, if one is near.
+/// The allowed word most similar to a misspelt one, if one is similar.
 pub fn nearest<'a>(found: &str, allowed: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     allowed
         .into_iter()
@@ -95,7 +97,7 @@ pub fn nearest<'a>(found: &str, allowed: impl IntoIterator<Item = &'a str>) -> O
         .map(|(_, word)| word)
 }
 
-/// A text file and where it came from; turns places in it into errors.
+/// A text file with its path; creates errors that point to places in it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SourceFile {
     #[serde(rename = "file", serialize_with = "crate::files::as_text")]
@@ -103,29 +105,29 @@ pub struct SourceFile {
     pub text: String,
 }
 
-/// The largest text file that is read, bytes.
-const LARGEST: u64 = 64 << 20;
+/// Size limit for text files, bytes.
+const MAX_BYTES: u64 = 64 << 20;
 
-/// Endings of files that are read as Latin-1 if they are not UTF-8.
+/// Extensions of files that are read as Latin-1 if they are not UTF-8.
 const LATIN_1: [&str; 3] = ["osim", "mot", "sto"];
 
-/// Lines up to this many bytes are shown with an error.
-const LONGEST_LINE: usize = 1000;
+/// Longest line that is shown with an error, bytes.
+const MAX_SHOWN_LINE: usize = 1000;
 
 impl SourceFile {
-    /// Reads a text file of at most [`LARGEST`]. OpenSim's files may be Latin-1.
+    /// Reads a text file of at most [`MAX_BYTES`]. OpenSim's files may be Latin-1.
     ///
     /// # Errors
-    /// If it cannot be read, is larger, or is not UTF-8.
+    /// If the file cannot be read, is larger, or is not UTF-8.
     pub fn read(path: &Path) -> Result<Self> {
         let failed = |e| Error::io("read", path, e);
         let mut bytes = Vec::new();
-        // What is read counts: a pipe has no size.
-        std::fs::File::open(path).map_err(failed)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(failed)?;
-        if bytes.len() as u64 > LARGEST {
+        // Count the bytes read, because a pipe has no size.
+        std::fs::File::open(path).map_err(failed)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
+        if bytes.len() as u64 > MAX_BYTES {
             let file = Self { path: path.to_owned(), text: String::new() };
-            let message = format!("{}: the file has more than {} MB", path.display(), LARGEST >> 20);
-            let help = "no study, model or motion is that large: check that it is the file you meant";
+            let message = format!("{}: the file is larger than {} MB", path.display(), MAX_BYTES >> 20);
+            let help = "no study, model or motion is that large: check that this is the intended file";
             return Err(file.error(None, message, "", Some(help.to_owned())));
         }
         match String::from_utf8(bytes) {
@@ -142,13 +144,14 @@ impl SourceFile {
                     None,
                     format!("{}: line {} is not UTF-8 text", path.display(), line + 1),
                     "",
-                    Some("save the file as UTF-8, or check that it is the file you meant".to_owned()),
+                    Some("save the file as UTF-8, or check that this is the intended file".to_owned()),
                 ))
             }
         }
     }
 
-    /// An error at a byte range of this file.
+    /// An error at a byte range of this file. If lines there are too long to be shown, the message names the line
+    /// instead.
     pub fn error(
         &self,
         span: Option<std::ops::Range<usize>>,
@@ -160,7 +163,7 @@ impl SourceFile {
         let span = span.filter(|span| {
             let line = self.text[..span.start].matches('\n').count();
             let shown = self.text.lines().skip(line.saturating_sub(1)).take(3).map(str::len).max().unwrap_or(0);
-            if shown > LONGEST_LINE {
+            if shown > MAX_SHOWN_LINE {
                 message = format!("{}, line {}: {message}", self.path.display(), line + 1);
                 return false;
             }
@@ -187,10 +190,10 @@ impl SourceFile {
         Some(start..end)
     }
 
-    /// Reads the file as TOML of a type.
+    /// Parses the file as TOML of type `T`.
     ///
     /// # Errors
-    /// All keys that are not known, and the first mistake of another kind.
+    /// All unknown keys up to the first mistake of another kind, and that mistake.
     pub fn toml<T: serde::de::DeserializeOwned>(&self) -> Result<T> {
         let mut errors = Vec::new();
         let mut text = self.text.clone();
@@ -201,7 +204,7 @@ impl SourceFile {
                 Err(error) => error,
             };
             errors.push(self.toml_error(&error));
-            // A line `key = value` whose key is not known is taken out, to see what else is wrong.
+            // Blank out a line `key = value` with an unknown key, to find further mistakes.
             let unknown = error.span().filter(|_| error.message().starts_with("unknown field"));
             let Some(line) = unknown.and_then(|span| line_of_key(&text, &span)) else { break };
             text.replace_range(line.clone(), &" ".repeat(line.len()));
@@ -209,7 +212,7 @@ impl SourceFile {
         Err(Error::all(errors))
     }
 
-    /// An error of the TOML reader, with a suggestion where a word was misspelt.
+    /// An error of the TOML parser, with a suggestion for a misspelt or missing word.
     pub fn toml_error(&self, error: &toml::de::Error) -> Error {
         let message = error.message().to_owned();
         let mut help = None;
@@ -225,8 +228,8 @@ impl SourceFile {
         self.error(error.span(), message, "here", help)
     }
 
-    /// The byte range of the value at a path of a TOML file, or of the deepest part of the path that is
-    /// there. An array of tables is entered by its tables' `name`, any array by index.
+    /// The byte range of the value at a path in a TOML file, or of the deepest part of the path that exists. A path
+    /// enters an array of tables by the `name` of a table, or any array by index.
     pub fn toml_span(&self, path: &[String]) -> Option<std::ops::Range<usize>> {
         use toml::de::{DeTable, DeValue};
         fn step(value: &DeValue<'_>, path: &[String], here: std::ops::Range<usize>) -> std::ops::Range<usize> {
@@ -262,7 +265,7 @@ impl SourceFile {
     }
 }
 
-/// The line that begins with a key, without its end, if its value ends on it.
+/// The byte range of the line `key = value`, without its line break, if it is complete on its own.
 fn line_of_key(text: &str, key: &std::ops::Range<usize>) -> Option<std::ops::Range<usize>> {
     let start = text[..key.start].rfind('\n').map_or(0, |n| n + 1);
     let end = text[key.end..].find('\n').map_or(text.len(), |n| key.end + n);
@@ -271,7 +274,7 @@ fn line_of_key(text: &str, key: &std::ops::Range<usize>) -> Option<std::ops::Ran
     is_whole.then_some(start..end)
 }
 
-/// Something wrong with a value, by its path in a TOML file (`["muscle", "triceps", "optimal_fibre_length"]`).
+/// A mistake in a value, located by its path in a TOML file (`["muscle", "triceps", "optimal_fibre_length"]`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Issue {
     pub path: Vec<String>,
@@ -284,28 +287,29 @@ impl Issue {
         Self { path: path.iter().map(|s| (*s).to_owned()).collect(), message: message.into(), help: Some(help.into()) }
     }
 
-    /// All of several mistakes in a file.
+    /// All mistakes in a file as one error. `issues` must not be empty.
     pub fn all_in_file(issues: &[Issue], file: &SourceFile) -> Error {
         Error::all(issues.iter().map(|issue| issue.in_file(file)))
     }
 
+    /// The error at the place of the value in `file`.
     pub fn in_file(&self, file: &SourceFile) -> Error {
         let key = self.path.join(".");
         file.error(file.toml_span(&self.path), format!("{key}: {}", self.message), "here", self.help.clone())
     }
 }
 
-/// Mistakes that are gathered to be told all at once.
+/// Collects mistakes, so that all of them can be reported at once.
 #[derive(Default)]
 pub struct Mistakes(Vec<Issue>);
 
 impl Mistakes {
-    /// What was checked, if it is right.
+    /// The checked value if it is valid; otherwise records the mistake.
     pub fn take<T>(&mut self, checked: std::result::Result<T, Issue>) -> Option<T> {
         checked.map_err(|issue| self.0.push(issue)).ok()
     }
 
-    /// Those that are right.
+    /// The valid ones among the checked values; records the mistakes of the others.
     pub fn all<T>(&mut self, checked: impl Iterator<Item = std::result::Result<T, Issue>>) -> Vec<T> {
         checked.filter_map(|one| self.take(one)).collect()
     }
@@ -314,14 +318,16 @@ impl Mistakes {
         self.0.push(issue);
     }
 
+    /// Checks that there are no mistakes so far.
+    ///
     /// # Errors
-    /// If there are mistakes so far.
+    /// The mistakes recorded so far, which are removed from the collection.
     pub fn none(&mut self) -> std::result::Result<(), Vec<Issue>> {
         if self.0.is_empty() { Ok(()) } else { Err(std::mem::take(&mut self.0)) }
     }
 }
 
-/// The first of several mistakes.
+/// The first of several mistakes. `issues` must not be empty.
 pub fn first(mut issues: Vec<Issue>) -> Issue {
     issues.swap_remove(0)
 }

@@ -1,15 +1,15 @@
-//! Files written whole or not at all.
+//! Atomic writing of files, and paths as text.
 
 use std::io::Write;
 use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// Writes a file whole or not at all: it appears under its name when the disk has all of it. A link is followed; what is no
-/// plain file, such as a pipe, is written as it is.
+/// Writes a file atomically: it appears under its name only once all of it is on disk. Symbolic links are followed. A
+/// target that is not a regular file, such as a pipe, is written directly.
 ///
 /// # Errors
-/// If it cannot be written.
+/// If the file cannot be written.
 pub fn write_whole(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
     let failed = |e| Error::io("write", path, e);
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
@@ -26,17 +26,17 @@ pub fn write_whole(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
     })
 }
 
-/// The name of a file while this process writes it.
+/// The temporary name of a file while this process writes it.
 pub fn partial(path: &Path) -> std::path::PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.part", std::process::id()));
     path.with_file_name(name)
 }
 
-/// A path as text, for a manifest: what is not UTF-8 in it is replaced.
+/// Serialises a path as text, with invalid UTF-8 replaced.
 ///
 /// # Errors
-/// Those of the serialiser.
+/// If the serialiser fails.
 pub fn as_text<S: serde::Serializer>(path: &Path, serialiser: S) -> std::result::Result<S::Ok, S::Error> {
     serialiser.serialize_str(&path.to_string_lossy())
 }

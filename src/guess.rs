@@ -1,16 +1,16 @@
-//! The start guess by inverse dynamics (thesis, Paper B eqs 18–24).
+//! Initial guess by inverse dynamics (thesis, Paper B eqs 18–24).
 //!
-//! 1. Each measured body coordinate is fitted by its spline; that gives q, q̇, q̈ at every collocation point.
-//! 2. Per muscle and point, the tendon forces at no and full activation, with the tendon's velocity taken as zero
-//!    (eqs 21, 22): `f_t = f_t0 + H a` (eqs 19, 20).
-//! 3. Per point, `min ‖a‖²` under the equation of motion and `0 ≤ a ≤ 1` (eq. 23), by Clarabel.
-//! 4. Fibre lengths from the tendon forces, fibre velocities from their spline, activations from eq. (3) (eq. 24's
-//!    correction for the tendon's velocity), excitations from eq. (4) solved backwards.
+//! 1. Fit a spline to each measured body coordinate, which gives q, q̇ and q̈ at every collocation point.
+//! 2. For each muscle and point, compute the tendon forces at zero and at full activation, assuming zero tendon
+//!    velocity (eqs 21, 22): `f_t = f_t0 + H a` (eqs 19, 20).
+//! 3. At each point, solve `min ‖a‖²` subject to the equation of motion and `0 ≤ a ≤ 1` (eq. 23), by Clarabel.
+//! 4. Compute fibre lengths from the tendon forces, fibre velocities from a spline through the lengths, activations
+//!    from eq. (3) (the correction of eq. 24 for the tendon velocity), and excitations from eq. (4) solved for u.
 //!
-//! DEPARTURE [thesis, Paper B, eq. 23]: the equation of motion is kept with the reactions as unknowns and may be missed at a high
-//! price, so that a muscle that is too weak still gets a guess.
-//! DEPARTURE [thesis, Paper B, eq. 24]: the tendon's velocity comes from the splines through neighbouring points; solving
-//! eq. (24) for it point by point inverts the flat ends of the force–velocity curve.
+//! DEPARTURE [thesis, Paper B, eq. 23]: the reactions are unknowns of the programme, and the equation of motion may be
+//! violated at a high penalty, so that there is a guess even if the muscles are too weak.
+//! DEPARTURE [thesis, Paper B, eq. 24]: the tendon velocity comes from the splines through neighbouring points. Solving
+//! eq. (24) for it point by point would invert the flat ends of the force–velocity curve.
 
 use crate::deadline::Deadline;
 use crate::model::Model;
@@ -24,27 +24,30 @@ use crate::transcription::instant::{Form, Instant};
 use crate::transcription::midpoint::Midpoint;
 use crate::transcription::scheme::{Discretisation, Trajectory};
 
-/// Price of missing the equation of motion by the total weight, against activations of one.
-const MISS: f64 = 1e4;
-/// Weight of second differences of spline coefficients: pins the alternating mode that p values leave free.
-const SMOOTH: f64 = 1e-3;
+/// Penalty on violating the equation of motion by the total weight, relative to an activation of 1.
+const VIOLATION_PENALTY: f64 = 1e4;
+/// Weight of the second differences of spline coefficients; determines the alternating mode that p values leave free.
+const SMOOTHING: f64 = 1e-3;
 
-/// A start guess as functions of time, for any scheme: splines through what inverse dynamics gives at `p` equidistant instants.
+/// The initial guess as functions of time, for any scheme: splines through the results of inverse dynamics at `p`
+/// equidistant instants.
 pub struct Guess<'g> {
     model: &'g Model,
     times: Vec<f64>,
     coordinate: SplineSpace,
     state: SplineSpace,
-    /// Spline coefficients, by body coordinate and by muscle.
+    /// Spline coefficients by body coordinate.
     coordinates: Vec<Vec<f64>>,
+    /// Spline coefficients by muscle.
     lengths: Vec<Vec<f64>>,
     activations: Vec<Vec<f64>>,
-    /// By instant, then reaction; total weights.
+    /// By instant, then reaction, in units of the total weight.
     reactions: Vec<Vec<f64>>,
 }
 
 impl<'g> Guess<'g> {
-    /// The guess on `points` instants, or `None` where a fit or a programme failed (non-finite data), or the deadline passes.
+    /// The guess from `points` instants. `None` if a fit or a quadratic programme fails (non-finite data), or the
+    /// deadline passes.
     pub fn new(instant: &Instant<'g>, points: usize, measurement: &Measurement, deadline: Deadline) -> Option<Self> {
         let model = instant.model;
         let duration = measurement.times[measurement.times.len() - 1];
@@ -63,7 +66,7 @@ impl<'g> Guess<'g> {
         for &t in &times {
             let at =
                 |derivative| -> Vec<f64> { coordinates.iter().map(|c| coordinate.value(c, t, derivative)).collect() };
-            let (force, reaction) = share_load(instant, t, [&at(0), &at(1), &at(2)], deadline)?;
+            let (force, reaction) = distribute_load(instant, t, [&at(0), &at(1), &at(2)], deadline)?;
             let q = all_coordinates(instant, t, &at(0));
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let mut path = muscle.path.buffer();
@@ -78,7 +81,7 @@ impl<'g> Guess<'g> {
 
         let (mut length_splines, mut activation_splines) = (Vec::new(), Vec::new());
         for (m, muscle) in model.muscles.iter().enumerate() {
-            let length = fit(&state, &times, &lengths[m], SMOOTH)?;
+            let length = fit(&state, &times, &lengths[m], SMOOTHING)?;
             let activations: Vec<f64> = times
                 .iter()
                 .zip(&forces[m])
@@ -90,7 +93,7 @@ impl<'g> Guess<'g> {
                     ((force / muscle.pennation_angle.cos() - passive) / active).clamp(0.0, 1.0)
                 })
                 .collect();
-            activation_splines.push(fit(&state, &times, &activations, SMOOTH)?);
+            activation_splines.push(fit(&state, &times, &activations, SMOOTHING)?);
             length_splines.push(length);
         }
         let guess = Self {
@@ -118,7 +121,7 @@ impl Trajectory for Guess<'_> {
     }
 
     fn activation(&self, t: f64, m: usize) -> f64 {
-        // The coefficients may undershoot between the instants.
+        // The fitted coefficients may be slightly negative: clip them.
         let basis = self.state.basis(t, 0);
         basis.values.iter().zip(&self.activations[m][basis.first..]).map(|(b, c)| b * c.max(0.0)).sum()
     }
@@ -136,7 +139,7 @@ impl Trajectory for Guess<'_> {
     }
 }
 
-/// The decision vector of the guess for a scheme with `points` instants (p), or `None` as in [`Guess::new`].
+/// The initial decision vector for a scheme with `points` instants (p). `None` as in [`Guess::new`].
 pub fn start_guess(
     instant: &Instant<'_>,
     scheme: &dyn Discretisation,
@@ -148,8 +151,8 @@ pub fn start_guess(
     x.iter().all(|v| v.is_finite()).then_some(x)
 }
 
-/// Least-squares spline coefficients for `values` at `times`, with `smooth` times the second differences of the
-/// coefficients.
+/// Coefficients of the spline that fits `values` at `times` in the least-squares sense. The objective also contains
+/// `smooth` times the sum of squared second differences of the coefficients. `None` if the system is singular.
 pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> Option<Vec<f64>> {
     let n = space.dimension();
     let mut matrix = SymmetricBand::new(n, space.degree().max(2));
@@ -166,15 +169,16 @@ pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> O
     Some(right)
 }
 
-/// All coordinates, those of given motion last.
+/// All body coordinates, those with prescribed motion last.
 fn all_coordinates(instant: &Instant<'_>, t: f64, q: &[f64]) -> Vec<f64> {
     let mut z = vec![0.0; instant.variables()];
     z[..q.len()].copy_from_slice(q);
     instant.coordinates(t, &z)
 }
 
-/// Normalised tendon forces and reactions (in total weights) of least activation at one instant of the motion q, q̇, q̈.
-fn share_load(
+/// Normalised tendon forces, and reactions in units of the total weight, that minimise ‖a‖² at one instant, for the
+/// motion `[q, q̇, q̈]`. `None` if the programme fails or the deadline passes.
+fn distribute_load(
     instant: &Instant<'_>,
     t: f64,
     [q, velocity, acceleration]: [&[f64]; 3],
@@ -187,27 +191,27 @@ fn share_load(
     let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
     let all = all_coordinates(instant, t, q);
     let bounds = tendon_force_range(model, &all, velocity);
-    // The equation of motion is linear in reactions and in tendon forces: read it off at unit values.
+    // The equation of motion is linear in the reactions and the tendon forces: assemble its coefficients.
     let mut z = vec![0.0; instant.variables()];
     z[..nq].copy_from_slice(q);
     (0..nq).for_each(|i| z[instant.acceleration(i)] = acceleration[i]);
     if instant.form == Form::Stabilised {
         (0..nq).for_each(|i| z[instant.velocity(i)] = velocity[i]);
     }
-    let mut rest = vec![0.0; instant.equations()];
-    instant.residual(t, &z, &mut rest);
+    let mut residual = vec![0.0; instant.equations()];
+    instant.residual(t, &z, &mut residual);
     let weight = model.weight();
     let mut columns: Vec<(usize, usize, f64)> = Vec::new();
-    let mut unloaded = rest[..nq].to_vec();
+    let mut unloaded = residual[..nq].to_vec();
     for (m, muscle) in model.muscles.iter().enumerate() {
         let mut path = muscle.path.buffer();
         muscle.path.length(&all, false, &mut path);
         let strength = muscle.max_isometric_force / weight;
-        // The residual at z holds the passive force of a fibre of no length; replace it by f_t0 + H a.
-        let already = instant.fibre_force(&z, m);
+        // The residual at z includes the passive force of a fibre of zero length; replace it by f_t0 + H a.
+        let included = instant.fibre_force(&z, m);
         let (low, high) = bounds[m];
         for (slot, gradient) in muscle.path.slots().iter().zip(&path.gradient) {
-            unloaded[*slot] += strength * (low - already) * gradient;
+            unloaded[*slot] += strength * (low - included) * gradient;
             columns.push((*slot, m, strength * (high - low) * gradient));
         }
     }
@@ -221,7 +225,7 @@ fn share_load(
     let equalities = Sparse::from_triplets(nq, n, &columns);
     let mut diagonal: Vec<(usize, usize, f64)> = (0..nm).map(|m| (m, m, 1.0)).collect();
     diagonal.extend((nm..nm + nc).map(|i| (i, i, 1e-9)));
-    diagonal.extend((nm + nc..n).map(|i| (i, i, MISS)));
+    diagonal.extend((nm + nc..n).map(|i| (i, i, VIOLATION_PENALTY)));
     let hessian = Sparse::from_triplets(n, n, &diagonal);
     let limits: Vec<(usize, usize, f64)> = (0..nm).flat_map(|m| [(m, m, 1.0), (nm + m, m, -1.0)]).collect();
     let inequalities = Sparse::from_triplets(2 * nm, n, &limits);
@@ -241,7 +245,7 @@ fn share_load(
     Some((forces.collect(), solution.step[nm..nm + nc].to_vec()))
 }
 
-/// (f_t0, f_t1) of each muscle: tendon forces at no and at full activation with the tendon at rest.
+/// (f_t0, f_t1) of each muscle: normalised tendon forces at zero and at full activation, for zero tendon velocity.
 fn tendon_force_range(model: &Model, q: &[f64], velocity: &[f64]) -> Vec<(f64, f64)> {
     model
         .muscles
@@ -256,7 +260,7 @@ fn tendon_force_range(model: &Model, q: &[f64], velocity: &[f64]) -> Vec<(f64, f
                     let l = (path.value - muscle.tendon_slack_length) / muscle.fibre_along_tendon();
                     return muscle.fibre_force(a, l, v).value;
                 }
-                // Falls with l: bisection between a fibre of no length and one as long as the whole path.
+                // The strain of the tendon decreases with l: bisect between zero and the length of the whole path.
                 let (mut low, mut high) = (0.0, path.value / muscle.fibre_along_tendon());
                 for _ in 0..60 {
                     let l = 0.5 * (low + high);

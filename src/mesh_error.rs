@@ -1,18 +1,24 @@
-//! How far effort and loads are off for the mesh: an estimate by defect correction, without a second solve.
+//! Estimates the discretisation error of the effort and the muscle forces by defect correction, without a second
+//! optimisation.
 //!
-//! The Lagrangian of the transcribed problem sums λᵀ r over the collocation points, where the equations r = 0 hold. That of the continuous
-//! problem integrates it:
+//! The Lagrangian of the transcribed problem sums λᵀ r over the collocation points, where the equations r = 0 hold.
+//! That of the continuous problem integrates it:
 //!
 //! ```text
-//! L_h = f + Σ_j λ_jᵀ r(t_j)          L = f + ∫ λ(t)ᵀ r(t) dt,   λ(t_j) = λ_j/w_j between the points of an interval a polynomial
+//! L_h = f + Σ_j λ_jᵀ r(t_j)          L = f + ∫ λ(t)ᵀ r(t) dt
 //! ```
 //!
-//! At the solution (x, λ) of the one the gradient of the other is its defect d, and a Newton step with the KKT matrix K of the first, active bounds
-//! kept, takes it away: K δ = −d. A second step with the same factors, from (x, λ) + δ, makes up for most of what is nonlinear. Bounds that would
-//! become active or free, and what the polynomials of the mesh cannot say, stay out.
+//! Here λ(t) is, in each interval, the polynomial with λ(t_j) = λ_j/w_j, where w_j are the quadrature weights.
 //!
-//! The integral is that of the Radau rule on both halves of each interval, whose own error is 2^(1 − 2s) of what is looked for: a factor
-//! makes up for it. (Exact integration would see the left ends of intervals, where a coarse solution is at its worst.)
+//! At the solution (x, λ) of the transcribed problem, the gradient of L is the defect d. A Newton step with the KKT
+//! matrix K of the transcribed problem at fixed active set, K δ = −d, removes it. A second step with the same factors,
+//! from (x, λ) + δ, corrects for most of the nonlinearity. The estimate does not include changes of the active set,
+//! nor error components that polynomials on this mesh cannot represent.
+//!
+//! The integral is approximated by the Radau rule with s stages on both halves of each interval. The error of this
+//! rule is 2^(1 − 2s) times the error sought, for which a factor corrects. (Exact integration would include the left
+//! ends of the intervals, where a coarse solution is least accurate.)
+//!
 //! Source: H. J. Stetter, *Numer. Math.* 29, 1978 (the defect correction principle).
 
 use crate::nlp::iterate::Iterate;
@@ -20,7 +26,7 @@ use crate::solution::Solution;
 use crate::transcription::radau::{lagrange, tableau};
 use crate::uniqueness::Linearised;
 
-/// How much too large what was found is, in an estimate.
+/// Estimated errors: computed minus exact values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshError {
     /// Of ∫Σa² dt, s.
@@ -29,7 +35,7 @@ pub struct MeshError {
     pub mean_force_n: Vec<f64>,
 }
 
-/// The estimate for a solution by Radau collocation; `None` where the KKT system does not determine it.
+/// The estimate for a solution by Radau collocation. `None` if the KKT system does not determine it.
 pub fn estimate(solution: &Solution<'_>, linearised: &mut Linearised<'_>) -> Option<MeshError> {
     let found = solution.iterate;
     let (gradient, equalities) = defect(solution, found);
@@ -54,7 +60,7 @@ fn added(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
-/// ∂L/∂x − ∂L_h/∂x, and ∂L/∂λ − ∂L_h/∂λ by row.
+/// The defect: ∂L/∂x − ∂L_h/∂x, and ∂L/∂λ − ∂L_h/∂λ by equality row.
 fn defect(solution: &Solution<'_>, iterate: &Iterate) -> (Vec<f64>, Vec<f64>) {
     let (problem, scheme) = (solution.problem, solution.scheme);
     let (instant, points) = (&problem.instant, scheme.points());
@@ -69,15 +75,15 @@ fn defect(solution: &Solution<'_>, iterate: &Iterate) -> (Vec<f64>, Vec<f64>) {
     }
     let (mut jacobian, mut force) = (vec![0.0; equations * variables], vec![[0.0; 3]; instant.model.muscles.len()]);
     let mut residual = vec![0.0; equations];
-    // Adds `factor` times λᵀ ∂r/∂x at an instant, and leaves the residual there.
+    // Adds `factor` times λᵀ ∂r/∂x at time t to the gradient, and stores r(t) in `residual`.
     let mut add = |t: f64, factor: f64, lambda: &[f64], residual: &mut [f64]| {
         let map = scheme.local_at(instant, t);
         let z: Vec<f64> = map.iter().map(|c| c.iter().map(|&(i, w)| w * iterate.x[i]).sum()).collect();
         instant.residual(t, &z, residual);
         instant.jacobian(t, &z, &mut jacobian, &mut force);
         for (local, combination) in map.iter().enumerate() {
-            let pull: f64 = (0..equations).map(|row| lambda[row] * jacobian[row * variables + local]).sum();
-            combination.iter().for_each(|&(i, w)| gradient[i] += factor * pull * w);
+            let derivative: f64 = (0..equations).map(|row| lambda[row] * jacobian[row * variables + local]).sum();
+            combination.iter().for_each(|&(i, w)| gradient[i] += factor * derivative * w);
         }
     };
     for ends in scheme.breakpoints().windows(2) {

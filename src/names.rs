@@ -1,32 +1,33 @@
-//! What names may be: of bodies, muscles, coordinates, ratios. They become cells of tables, words on the terminal and labels of figures.
+//! Rules for the names of bodies, muscles, coordinates and ratios. Names appear in table cells, on the terminal and as
+//! labels in figures.
 
-/// Longest name, in letters.
-const LONGEST: usize = 200;
+/// Greatest length of a name, in characters.
+const MAX_LENGTH: usize = 200;
 
-/// What is wrong with a name, if files, pages and spreadsheets cannot bear it.
+/// What is wrong with a name, if it cannot be used safely in files, web pages and spreadsheets.
 pub fn flaw(name: &str) -> Option<String> {
     if name.is_empty() {
         return Some("it is empty".to_owned());
     }
-    let letters = name.chars().count();
-    if letters > LONGEST {
-        return Some(format!("it has {letters} letters; {LONGEST} are the most"));
+    let length = name.chars().count();
+    if length > MAX_LENGTH {
+        return Some(format!("it has {length} characters; at most {MAX_LENGTH} are allowed"));
     }
     if crate::terminal::visible(name) != name || name.contains(['\n', '\t']) {
-        return Some("it has a line break or another control character".to_owned());
+        return Some("it contains a line break or another control character".to_owned());
     }
-    is_formula(name).then(|| format!("it begins with `{}`, which spreadsheets take for a formula", &name[..1]))
+    is_formula(name).then(|| format!("it begins with `{}`, so spreadsheets would read it as a formula", &name[..1]))
 }
 
-/// Whether spreadsheets take a cell with this text for a formula.
+/// Whether spreadsheets would read a cell with this text as a formula.
 pub fn is_formula(text: &str) -> bool {
     text.starts_with(['=', '+', '-', '@', '\t', '\r'])
 }
 
-/// A name as a message shows it: on one line, and its beginning if it is very long.
+/// A name as shown in a message: on one line, and truncated if it is very long.
 pub fn shown(name: &str) -> String {
     let name = name.replace('\n', "␊").replace('\t', "␉");
-    match name.char_indices().nth(LONGEST / 4) {
+    match name.char_indices().nth(MAX_LENGTH / 4) {
         None => name,
         Some((end, _)) => format!("{}…", &name[..end]),
     }
@@ -37,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_that_files_can_bear() {
+    fn unsafe_names_are_rejected() {
         for good in ["biceps", "Adductor longus (left)", "a<b>&\"c\"", "M. biceps_2", "μ-fibre", "1st"] {
             assert_eq!(flaw(good), None, "{good}");
         }

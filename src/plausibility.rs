@@ -1,4 +1,5 @@
-//! Whether an answer that has converged is plausible: warnings, each with a short code, a limit that a study may set, and a remedy.
+//! Checks whether a converged solution is plausible. Each warning has a short code, a limit that a study may change,
+//! and a remedy.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,7 +9,7 @@ use crate::motion::{MotionTable, low_pass};
 use crate::outcome::{JobRow, MuscleRow};
 use crate::study::settings::Settings;
 
-/// What a warning says: its code, what it looks at and the names of its limits, and what to do.
+/// A kind of warning: its code, the quantity that it checks with the names of its limits, and what to do about it.
 pub struct Kind {
     pub code: &'static str,
     pub limit: &'static str,
@@ -20,17 +21,20 @@ pub const KINDS: [Kind; 8] = [
     Kind {
         code: "tracking",
         limit: "tracking error above warn.tracking_deg (2°) or warn.tracking_mm (10 mm), RMS",
-        remedy: "where activations are at 1 the muscles are too weak; else lower mu, refine the mesh, or check the motion",
+        remedy: "if activations reach 1, the muscles are too weak; otherwise lower mu, refine the mesh or \
+                 check the motion",
     },
     Kind {
         code: "saturated",
-        limit: "activation at its upper bound for more than warn.saturated (0.1) of the time, or activation or excitation above 1 where nothing bounds it",
-        remedy: "the muscles are too weak for this motion: check maximum forces, masses and external forces; impose bounds = \"both_boxed\"",
+        limit: "activation at its upper bound for more than warn.saturated (0.1) of the time, or activation or \
+                excitation above 1 where it has no upper bound",
+        remedy: "the muscles are too weak for this motion: check maximum forces, masses and external forces; set \
+                 bounds = \"both_boxed\"",
     },
     Kind {
         code: "overload",
         limit: "force above warn.overload (1.5) times the maximum isometric force",
-        remedy: "see `passive` and `fibre_velocity`: a stretched or a fast lengthening fibre carries it",
+        remedy: "see `passive` and `fibre_velocity`: the force comes from a stretched or rapidly lengthening fibre",
     },
     Kind {
         code: "passive",
@@ -39,27 +43,30 @@ pub const KINDS: [Kind; 8] = [
     },
     Kind {
         code: "fibre_length",
-        limit: "fibre length below warn.fibre_length_min (0.4) or above warn.fibre_length_max (1.6) optimal fibre lengths",
+        limit: "fibre length below warn.fibre_length_min (0.4) or above warn.fibre_length_max (1.6) optimal fibre \
+                lengths",
         remedy: "the tendon slack length or the optimal fibre length does not fit the path",
     },
     Kind {
         code: "fast_motion",
-        limit: "a coordinate of the motion faster than warn.speed_rad_s (30 rad/s) or warn.speed_m_s (10 m/s), or turning by more than warn.turn_rad (2π)",
-        remedy: "check the unit of the column (degrees labelled as radians?), and smooth the motion (smoothing_hz)",
+        limit: "a joint coordinate faster than warn.speed_rad_s (30 rad/s) or warn.speed_m_s (10 m/s), or an angle \
+                with a range above warn.turn_rad (2π)",
+        remedy: "check the unit of the column (degrees labelled as radians?), or smooth the motion (smoothing_hz)",
     },
     Kind {
         code: "mesh",
         limit: "estimated discretisation error of the effort or of a mean force above warn.mesh (0.05)",
-        remedy: "take more stages (stages = 3) or a smaller h",
+        remedy: "use more stages (stages = 3) or a smaller h",
     },
     Kind {
         code: "fibre_velocity",
-        limit: "fibre velocity beyond warn.fibre_velocity (20) optimal fibre lengths a second",
-        remedy: "with scheme = \"midpoint\" fibres ring: use radau; else check the motion and the muscle's lengths",
+        limit: "fibre velocity above warn.fibre_velocity (20) optimal fibre lengths per second",
+        remedy: "with scheme = \"midpoint\", fibre velocities ring: use radau; otherwise check the motion and \
+                 the muscle's lengths",
     },
 ];
 
-/// Limits beyond which there is a warning: `warn.…` in a study.
+/// Limits for the warnings: `warn.…` in a study.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Limits {
@@ -67,22 +74,25 @@ pub struct Limits {
     pub tracking_deg: f64,
     /// Tracking error, RMS, mm.
     pub tracking_mm: f64,
-    /// Share of the time at an activation of 1.
+    /// Fraction of the time with the activation at its upper bound.
     pub saturated: f64,
-    /// Force over maximum isometric force.
+    /// Force relative to the maximum isometric force.
     pub overload: f64,
-    /// Passive force over maximum isometric force.
+    /// Passive force relative to the maximum isometric force.
     pub passive: f64,
-    /// Optimal fibre lengths.
+    /// Shortest fibre length, optimal fibre lengths.
     pub fibre_length_min: f64,
+    /// Longest fibre length, optimal fibre lengths.
     pub fibre_length_max: f64,
+    /// Rate of an angle, rad/s.
     pub speed_rad_s: f64,
+    /// Rate of a displacement, m/s.
     pub speed_m_s: f64,
     /// Range of an angle, rad.
     pub turn_rad: f64,
-    /// Estimated discretisation error of effort and mean forces, as a share.
+    /// Estimated relative discretisation error of the effort and the mean forces.
     pub mesh: f64,
-    /// Optimal fibre lengths a second.
+    /// Optimal fibre lengths per second.
     pub fibre_velocity: f64,
 }
 
@@ -106,6 +116,7 @@ impl Default for Limits {
 }
 
 impl Limits {
+    /// Names of the limits in a study, after `warn.`.
     pub const NAMES: [&str; 12] = [
         "tracking_deg",
         "tracking_mm",
@@ -121,7 +132,7 @@ impl Limits {
         "fibre_velocity",
     ];
 
-    /// The limit of a name.
+    /// The limit called `name`.
     pub fn named(&mut self, name: &str) -> Option<&mut f64> {
         Some(match name {
             "tracking_deg" => &mut self.tracking_deg,
@@ -152,21 +163,21 @@ pub struct Warning {
     pub found: String,
 }
 
-/// A mean force counts as at least this share of the maximum force, where its error is judged.
-const LITTLE: f64 = 0.01;
-/// An activation above 1 by less is rounding.
-const ROUNDING: f64 = 1e-6;
+/// A mean force counts as at least this fraction of the maximum isometric force when its relative error is computed.
+const MIN_FORCE_SHARE: f64 = 0.01;
+/// An excess of an activation or excitation over 1 up to this is rounding error.
+const ROUNDING_ERROR: f64 = 1e-6;
 
-/// The warnings on a converged job. `model`: its muscles in the order of the rows.
+/// The warnings on a converged job. `muscles` are in the order of the model's muscles.
 pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &Settings) -> Vec<Warning> {
     let limits = &settings.warn;
     let mut warnings = Vec::new();
     let mut warn = |code: &'static str, found: String| warnings.push(Warning { code, found });
-    let (deg, mm) = (job.tracking_rms_deg.unwrap_or(0.0), 1e3 * job.tracking_rms_m.unwrap_or(0.0));
-    if deg > limits.tracking_deg || mm > limits.tracking_mm {
-        warn("tracking", format!("the motion is missed by {deg:.1}° and {mm:.0} mm (RMS)"));
+    let (angle_deg, distance_mm) = (job.tracking_rms_deg.unwrap_or(0.0), 1e3 * job.tracking_rms_m.unwrap_or(0.0));
+    if angle_deg > limits.tracking_deg || distance_mm > limits.tracking_mm {
+        warn("tracking", format!("tracking error {angle_deg:.1}° and {distance_mm:.0} mm (RMS)"));
     }
-    // The worst muscle of each kind, by how far it is beyond the limit.
+    // The muscle with the largest value of `measure`.
     let strength = |m: usize| model.muscles[m].max_isometric_force;
     let worst = |measure: &dyn Fn(usize, &MuscleRow) -> f64| {
         let all = muscles.iter().enumerate().map(|(m, row)| (measure(m, row), row));
@@ -176,16 +187,16 @@ pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &
         let others = muscles.iter().enumerate().filter(|(m, row)| beyond(*m, row)).count().saturating_sub(1);
         if others == 0 { String::new() } else { format!(" and {others} more") }
     };
-    let boxed = |row: &MuscleRow| row.saturated_share > limits.saturated;
-    let above = |row: &MuscleRow| row.peak_activation.max(row.peak_excitation) > 1.0 + ROUNDING;
+    let is_saturated = |row: &MuscleRow| row.saturated_share > limits.saturated;
+    let exceeds_one = |row: &MuscleRow| row.peak_activation.max(row.peak_excitation) > 1.0 + ROUNDING_ERROR;
     if let Some((peak, row)) =
-        worst(&|_, row| row.peak_activation.max(row.peak_excitation)).filter(|(_, row)| above(row))
+        worst(&|_, row| row.peak_activation.max(row.peak_excitation)).filter(|(_, row)| exceeds_one(row))
     {
-        let more = count(&|_, row| above(row));
+        let more = count(&|_, row| exceeds_one(row));
         warn("saturated", format!("{}{more}: activation or excitation up to {peak:.2}", row.muscle));
-    } else if let Some((share, row)) = worst(&|_, row| row.saturated_share).filter(|(_, row)| boxed(row)) {
-        let more = count(&|_, row| boxed(row));
-        warn("saturated", format!("{}{more}: activation 1 for {:.0} % of the time", row.muscle, 100.0 * share));
+    } else if let Some((share, row)) = worst(&|_, row| row.saturated_share).filter(|(_, row)| is_saturated(row)) {
+        let more = count(&|_, row| is_saturated(row));
+        warn("saturated", format!("{}{more}: activation at 1 for {:.0} % of the time", row.muscle, 100.0 * share));
     }
     let times = |force: f64, m: usize| force / strength(m);
     for (code, force, limit, words) in [
@@ -195,7 +206,10 @@ pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &
         if let Some((share, row)) = worst(&|m, row| times(force(row), m)).filter(|(share, _)| *share > limit) {
             let more = count(&|m, row| times(force(row), m) > limit);
             let peak = force(row);
-            warn(code, format!("{}{more}: up to {peak:.0} {words}, {share:.2} times its maximum", row.muscle));
+            warn(
+                code,
+                format!("{}{more}: up to {peak:.0} {words}, {share:.2} times the maximum isometric force", row.muscle),
+            );
         }
     }
     let outside = |row: &MuscleRow| {
@@ -209,17 +223,18 @@ pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &
     let velocity = |row: &MuscleRow| row.peak_fibre_velocity_per_s;
     if let Some((peak, row)) = worst(&|_, row| velocity(row)).filter(|(peak, _)| *peak > limits.fibre_velocity) {
         let more = count(&|_, row| velocity(row) > limits.fibre_velocity);
-        warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths a second", row.muscle));
+        warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths per second", row.muscle));
     }
-    warnings.extend(of_mesh(job, muscles, model, limits.mesh));
+    warnings.extend(mesh_warning(job, muscles, model, limits.mesh));
     warnings
 }
 
-fn of_mesh(job: &JobRow, muscles: &[MuscleRow], model: &Model, limit: f64) -> Option<Warning> {
+/// The warning on the discretisation error: of the effort, and of the mean force with the largest relative error.
+fn mesh_warning(job: &JobRow, muscles: &[MuscleRow], model: &Model, limit: f64) -> Option<Warning> {
     let of_effort = job.effort_mesh_error.zip(job.effort).map(|(error, effort)| error.abs() / effort.abs());
     let of_force = |m: usize| {
         let row = &muscles[m];
-        let size = row.mean_force_n.abs().max(LITTLE * model.muscles[m].max_isometric_force);
+        let size = row.mean_force_n.abs().max(MIN_FORCE_SHARE * model.muscles[m].max_isometric_force);
         Some((row.mean_force_mesh_error_n?.abs() / size, row.muscle.as_str()))
     };
     let worst = (0..muscles.len()).filter_map(of_force).max_by(|a, b| a.0.total_cmp(&b.0));
@@ -227,23 +242,23 @@ fn of_mesh(job: &JobRow, muscles: &[MuscleRow], model: &Model, limit: f64) -> Op
         .into_iter()
         .flatten()
         .filter(|(share, _)| *share > limit)
-        .map(|(share, what)| format!("{what} is off by about {:.0} %", 100.0 * share))
+        .map(|(share, what)| format!("about {:.0} % error in {what}", 100.0 * share))
         .collect();
     (!parts.is_empty()).then(|| Warning { code: "mesh", found: parts.join(", ") })
 }
 
-/// Rates are taken over at least this time, s: those of noise say nothing.
-const WINDOW: f64 = 0.02;
+/// Rates are taken over at least this time, s: shorter differences would measure noise.
+const RATE_WINDOW: f64 = 0.02;
 
-/// The largest rate (1/s) of values over time, and the least and the largest of them.
+/// The largest absolute rate (1/s) of values over time, and the smallest and largest value.
 pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, [f64; 2]) {
     let (mut rate, mut after) = (0.0f64, 0);
-    let least = WINDOW.min(time[time.len() - 1] - time[0]);
+    let window = RATE_WINDOW.min(time[time.len() - 1] - time[0]);
     for (i, &t) in time.iter().enumerate() {
-        while after + 1 < time.len() && time[after] - t < least {
+        while after + 1 < time.len() && time[after] - t < window {
             after += 1;
         }
-        if time[after] > t && time[after] - t >= least {
+        if time[after] > t && time[after] - t >= window {
             rate = rate.max((values[after] - values[i]).abs() / (time[after] - t));
         }
     }
@@ -251,7 +266,7 @@ pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, [f64; 2]) {
     (rate, [low, high])
 }
 
-/// The warning on a motion that no joint makes, as the job changes it.
+/// The warning on an implausibly fast or large motion, with the job's changes applied.
 pub fn of_motion(table: &MotionTable, model: &Model, settings: &Settings) -> Option<Warning> {
     let limits = &settings.warn;
     let coordinates = model.joint_coordinates();
@@ -266,18 +281,18 @@ pub fn of_motion(table: &MotionTable, model: &Model, settings: &Settings) -> Opt
                 rate_and_range(&table.time, &low_pass(&table.time, values, settings.smoothing_hz));
             let (rate, range) = (factor * rate / settings.time_scale, factor * (high - low));
             let (limit, unit) = if is_angle { (limits.speed_rad_s, "rad/s") } else { (limits.speed_m_s, "m/s") };
-            // A full turn is one, whatever its last digits.
-            let turns = is_angle && range > limits.turn_rad * (1.0 + 1e-6);
-            (rate > limit || turns).then(|| {
-                let turned = if turns { format!(", turning by {:.0}°", range.to_degrees()) } else { String::new() };
-                format!("{name}: up to {rate:.0} {unit}{turned}")
+            // Allow for rounding in a motion of exactly one full turn.
+            let is_wide = is_angle && range > limits.turn_rad * (1.0 + 1e-6);
+            (rate > limit || is_wide).then(|| {
+                let range_text = if is_wide { format!(", range {:.0}°", range.to_degrees()) } else { String::new() };
+                format!("{name}: up to {rate:.0} {unit}{range_text}")
             })
         })
         .collect();
     (!found.is_empty()).then(|| Warning { code: "fast_motion", found: found.join("; ") })
 }
 
-/// Codes for the table, and what was found in words.
+/// The codes for the column `warnings`, and what was found as text; `None` without warnings.
 pub fn said(warnings: &[Warning]) -> (Option<String>, Option<String>) {
     if warnings.is_empty() {
         return (None, None);

@@ -1,14 +1,14 @@
-//! Table 1 of the thesis, beside results: which of its twelve numbers come out.
+//! Compares results with Table 1 of the thesis: which of its twelve numbers are reproduced.
 //!
-//! Source: M. Lund Ohlsson, licentiate thesis 41, Mid Sweden University 2009, Paper B, Table 1 (numbers only; printed there
-//! negative). The caption names h = 0.1 and h = 0.2, but an idle muscle costs p − 1 in A: 5 at h = 0.2 and 10 at h = 0.1, so
-//! the numbers belong to h = 0.2.
+//! Source: M. Lund Ohlsson, licentiate thesis 41, Mid Sweden University 2009, Paper B, Table 1 (numbers only; printed
+//! as negative there). The caption gives h = 0.1 and h = 0.2. However, an idle muscle adds p − 1 to the deficiency of
+//! A, 5 at h = 0.2 and 10 at h = 0.1, so the numbers belong to h = 0.2.
 
 use std::collections::BTreeMap;
 
 use crate::tables::Table;
 
-/// (load-sharing grid, bounds, deficiency of A, of [Aᵀ Jᵀ])
+/// (load-sharing grid, bounds, deficiency of A, deficiency of [Aᵀ Jᵀ])
 pub const THESIS: [(&str, &str, i64, i64); 6] = [
     ("measurement", "activation", 0, 1),
     ("measurement", "excitation", 0, 0),
@@ -18,22 +18,26 @@ pub const THESIS: [(&str, &str, i64, i64); 6] = [
     ("collocation", "both", 6, 1),
 ];
 
-/// The thesis' numbers for one case, if it is one of Table 1.
+/// The deficiencies of A and [Aᵀ Jᵀ] in the thesis, if Table 1 has this case.
 pub fn thesis(grid: &str, bounds: &str) -> Option<(i64, i64)> {
     THESIS.iter().find(|(g, b, ..)| *g == grid && *b == bounds).map(|&(_, _, a, aj)| (a, aj))
 }
 
-/// One case as found.
+/// One case of Table 1 as computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cell {
+    /// Row in the table of jobs.
     pub job: usize,
     pub status: String,
+    /// Of A and [Aᵀ Jᵀ].
     pub deficiencies: Option<(i64, i64)>,
+    /// The same, as predicted from the pattern of active bounds.
     pub predicted: Option<(i64, i64)>,
+    /// Whether the singular values have no clear gap at the tolerance.
     pub ambiguous: bool,
 }
 
-/// All cases of one arm and mesh: the values of the other axes, and the cells by (grid, bounds).
+/// The cases that share the values of all other axes, by (load-sharing grid, bounds).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Group {
     pub others: Vec<(String, String)>,
@@ -41,38 +45,39 @@ pub struct Group {
 }
 
 impl Group {
-    /// How many of the twelve numbers are the thesis'.
+    /// How many of the twelve numbers equal those of the thesis.
     pub fn matches(&self) -> usize {
         self.count(|cell| cell.deficiencies)
     }
 
-    /// How many of those that the pattern of active bounds predicts.
+    /// How many of the twelve predicted numbers equal those of the thesis.
     pub fn predicted_matches(&self) -> usize {
         self.count(|cell| cell.predicted)
     }
 
-    /// Cases whose singular values have no clear gap where they are cut, so that another tolerance gives other numbers.
+    /// Number of cases whose singular values have no clear gap at the tolerance, so that another tolerance would give
+    /// other deficiencies.
     pub fn ambiguous(&self) -> usize {
         self.cells.values().filter(|cell| cell.ambiguous).count()
     }
 
     fn count(&self, pair: impl Fn(&Cell) -> Option<(i64, i64)>) -> usize {
-        let of_case = |&(grid, bounds, a, aj): &(&str, &str, i64, i64)| {
+        let matches_in_case = |&(grid, bounds, a, aj): &(&str, &str, i64, i64)| {
             let cell = self.cells.get(&(grid.to_owned(), bounds.to_owned()))?;
             let found = pair(cell).filter(|_| cell.status == "converged")?;
             Some(usize::from(found.0 == a) + usize::from(found.1 == aj))
         };
-        THESIS.iter().filter_map(of_case).sum()
+        THESIS.iter().filter_map(matches_in_case).sum()
     }
 }
 
-/// The groups of a study that sweeps `load_sharing_grid` and `bounds`, in the order of its jobs; empty for others.
+/// The groups of a study that sweeps `load_sharing_grid` and `bounds`, in job order; empty for other studies.
 pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<Group> {
     let needed = ["load_sharing_grid", "bounds"];
     if !needed.iter().all(|name| axes.iter().any(|axis| axis == name)) {
         return Vec::new();
     }
-    // A sample's other columns say no more than its number.
+    // In a sampled study, the number of the sample determines the other sampled columns.
     let sampled = axes.iter().any(|axis| axis == crate::study::sweep::SAMPLE);
     let key = |axis: &String| !needed.contains(&axis.as_str()) && (!sampled || axis == "sample" || !axis.contains('.'));
     let rank_rows: BTreeMap<&str, usize> =

@@ -1,4 +1,5 @@
-//! More than a rank: how far an answer that is not unique may move, along what, and how the muscle forces follow the parameters.
+//! Uniqueness beyond ranks: how far a non-unique solution can move, along which directions, and how sensitive the
+//! muscle forces are to parameters.
 
 use std::collections::BTreeMap;
 
@@ -13,22 +14,23 @@ use crate::outcome::SensitivityRow;
 use crate::transcription::collocation::{Collocation, Combination, evaluate};
 use crate::transcription::instant::{ACTIVATION, ACTIVATION_RATE, EXCITATION, LENGTH, VELOCITY};
 
-/// A null direction of length 1 that moves a mean activation by less leaves it alone.
+/// A null direction of length 1 moves a mean activation if it changes it by more than this.
 const MOVES_ACTIVATION: f64 = 1e-6;
-/// A multiplier above this, relative to the largest, keeps its bound active.
-const STRONGLY: f64 = 1e-9;
-/// A share of the null space smaller than this goes unsaid.
-const WORTH_SAYING: f64 = 0.05;
-/// So many parts are said, the largest.
-const SAID: usize = 5;
-/// A linear system solved worse than this has no solution.
-const ACCURACY: f64 = 1e-6;
+/// An active bound is strongly active if its multiplier exceeds this fraction of the largest one.
+const STRONGLY_ACTIVE: f64 = 1e-9;
+/// Parts with a smaller share of the null space are not described.
+const MIN_SHARE: f64 = 0.05;
+/// Largest number of parts described.
+const MAX_PARTS: usize = 5;
+/// A linear system whose relative residual exceeds this counts as unsolvable.
+const MAX_RESIDUAL: f64 = 1e-6;
 
-/// The interval of each mean activation over the answers that are equally good to first order: constraints and residuals unchanged,
-/// strongly active bounds kept, other bounds not crossed, activations within 0 … 1 (or where they already are).
+/// The interval of each muscle's mean activation over all solutions that are equally good to first order: constraints
+/// and residuals unchanged, strongly active bounds still active, other bounds not crossed, activations within 0 … 1
+/// (or no further outside than they are).
 ///
-/// `means`: each muscle's mean activation as a combination of x; `null_directions`: see [`Regularity`]. `None` where the linear
-/// programme fails.
+/// `means`: each muscle's mean activation as a linear combination of x; `null_directions`: see [`Regularity`]. The
+/// interval is `None` if a linear programme fails.
 ///
 /// [`Regularity`]: crate::nlp::regularity::Regularity
 pub fn activation_intervals(
@@ -54,7 +56,7 @@ pub fn activation_intervals(
         .collect()
 }
 
-/// Steps d to other answers, to first order: E d = 0, F d + s ≥ 0.
+/// The steps d to equally good solutions, to first order: E d = 0, F d + s ≥ 0.
 struct OptimalSet {
     equalities: Sparse,
     inequalities: Sparse,
@@ -68,7 +70,7 @@ impl OptimalSet {
         let largest = iterate.inequality_multipliers.iter().fold(0.0f64, |a, nu| a.max(*nu));
         let is_active = active(&iterate.inequalities);
         let kept: Vec<bool> = (is_active.iter().zip(&iterate.inequality_multipliers))
-            .map(|(&active, &nu)| active && nu > STRONGLY * largest)
+            .map(|(&active, &nu)| active && nu > STRONGLY_ACTIVE * largest)
             .collect();
         let (mut equal, mut unequal) = (Vec::new(), Vec::new());
         let mut rows = 0;
@@ -107,7 +109,7 @@ impl OptimalSet {
         Self { equalities, inequalities: Sparse::from_triplets(slack.len(), n, &unequal), slack, deadline }
     }
 
-    /// Least value of `sign` times the functional.
+    /// Least value of `sign` times the functional over these steps. `None` if the linear programme fails.
     fn least(&self, functional: &Combination, sign: f64) -> Option<f64> {
         let n = self.equalities.columns;
         let mut gradient = vec![0.0; n];
@@ -127,11 +129,11 @@ impl OptimalSet {
     }
 }
 
-/// What the null directions are made of, in words, the largest share first.
+/// Describes in words which quantities the null directions move, the largest share first. `None` if there are none.
 pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &[bool]) -> Option<String> {
     let instant = &problem.instant;
     let model = instant.model;
-    // For each thing that may move: its squares, and the products of neighbours in time.
+    // By (muscle, kind of state): sum of squares, and sum of products of consecutive values.
     let mut shares: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
     let mut total = 0.0;
     let times = &problem.layout.times;
@@ -140,7 +142,8 @@ pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &
         let mut before: BTreeMap<(usize, usize, bool), f64> = BTreeMap::new();
         for j in 0..problem.layout.points.len() {
             let z = problem.local(j, direction);
-            // A state that alternates may vanish at every point: its rate over a step tells. Values and rates follow separately.
+            // A state that alternates may be zero at every point, so its rate times half a step counts too. Products of
+            // consecutive values and of consecutive rates are formed separately.
             let mut note = |what: (usize, usize), is_rate: bool, value: f64| {
                 let share = shares.entry(what).or_default();
                 share.0 += value * value;
@@ -155,14 +158,14 @@ pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &
                 note((m, ACTIVATION), true, 0.5 * step * z[at + ACTIVATION_RATE]);
                 note((m, LENGTH), true, 0.5 * step * z[at + VELOCITY]);
             }
-            // Joint reactions follow from the muscles: they go unsaid.
+            // Joint reactions follow from the muscle forces and are not described.
             let motion = z[..model.coordinates()].iter().map(|v| v * v).sum::<f64>().sqrt();
             note((model.muscles.len(), 0), false, motion);
         }
     }
     let mut parts: Vec<(f64, String)> = shares
         .into_iter()
-        .filter(|(_, (square, _))| *square >= WORTH_SAYING * total && total > 0.0)
+        .filter(|(_, (square, _))| *square >= MIN_SHARE * total && total > 0.0)
         .map(|((m, kind), (square, product))| {
             let moves = if product < -0.3 * square { "alternates between points" } else { "free" };
             let words = match model.muscles.get(m) {
@@ -178,15 +181,15 @@ pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &
         })
         .collect();
     parts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    parts.truncate(SAID);
+    parts.truncate(MAX_PARTS);
     let words: Vec<String> =
         parts.into_iter().map(|(share, words)| format!("{words} ({:.0} %)", 100.0 * share)).collect();
     (!words.is_empty()).then(|| words.join("; "))
 }
 
-/// How the answer follows one parameter θ: derivatives of the optimality conditions at fixed x, λ and ν.
+/// A parameter θ, with the derivatives of the optimality conditions with respect to it at fixed x, λ and ν.
 pub struct Parameter {
-    /// `mu`, or the path of a model's number.
+    /// `mu`, or the path of a numeric parameter of the model.
     pub name: String,
     /// θ
     pub value: f64,
@@ -196,7 +199,8 @@ pub struct Parameter {
     pub equalities: Vec<f64>,
 }
 
-/// μ (if positive) and the tendon slack length of every muscle; `sharing`: the rows of μ a in J begin here.
+/// The parameters: μ (if positive), and the tendon slack length of every muscle. `sharing`: the first load-sharing row
+/// (μ a) of J.
 pub fn parameters(problem: &Collocation<'_>, iterate: &Iterate, mu: f64, sharing: usize) -> Vec<Parameter> {
     let (n, me) = (iterate.x.len(), iterate.equalities.len());
     let mut parameters = Vec::new();
@@ -231,14 +235,15 @@ pub fn parameters(problem: &Collocation<'_>, iterate: &Iterate, mu: f64, sharing
     parameters
 }
 
-/// The KKT system at a solution with its active bounds kept: how the answer follows what changes in the problem.
+/// The KKT system at a solution, factorised with the active set fixed. It gives the first-order response of the
+/// solution to changes in the problem.
 pub struct Linearised<'k> {
     kkt: &'k mut Kkt,
     unknowns: usize,
 }
 
 impl<'k> Linearised<'k> {
-    /// `None` where the system says that the solution is no strict minimum.
+    /// Factorises the KKT matrix. `None` if this fails, or the inertia shows that the solution is not a strict minimum.
     pub fn new(kkt: &'k mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Option<Self> {
         let [_, _, pattern] = problem.patterns();
         let (mut hessian, metric) = (pattern.clone(), pattern.clone());
@@ -255,14 +260,14 @@ impl<'k> Linearised<'k> {
         (inertia.positive == unknowns).then_some(Self { kkt, unknowns })
     }
 
-    /// How x and the multipliers of the equalities change when ∇L and the equalities c change by these; `None` where the system does not
-    /// determine it.
+    /// The changes of x and of the equality multipliers in response to the changes `gradient` of ∇L and `equalities`
+    /// of the equality constraints c. `None` if the system does not determine them.
     pub fn follow(&mut self, gradient: &[f64], equalities: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
         let n = self.unknowns;
         let (mut right, mut solution) = (vec![0.0; self.kkt.order()], vec![0.0; self.kkt.order()]);
         right[..n].iter_mut().zip(gradient).for_each(|(r, g)| *r = -g);
         right[n..n + equalities.len()].iter_mut().zip(equalities).for_each(|(r, c)| *r = -c);
-        if self.kkt.solve_roughly(&right, &mut solution) > ACCURACY {
+        if self.kkt.solve_roughly(&right, &mut solution) > MAX_RESIDUAL {
             return None;
         }
         let multipliers = solution[n..n + equalities.len()].to_vec();
@@ -271,9 +276,10 @@ impl<'k> Linearised<'k> {
     }
 }
 
-/// ∂(mean force)/∂θ of every muscle for every parameter, without a further solve; none where the forces are not determined.
+/// ∂(mean force)/∂θ of every muscle for every parameter, without another optimisation. Parameters whose effect the KKT
+/// system does not determine are left out.
 ///
-/// `mean_force`: how the mean forces (N) change along a direction.
+/// `mean_force`: the change of the mean forces (N) along a direction of x; `means`: the mean forces, N.
 pub fn sensitivities(
     linearised: &mut Linearised<'_>,
     problem: &Collocation<'_>,

@@ -1,7 +1,7 @@
-//! A solved problem as the start of another: on a finer mesh, or with other parameters.
+//! Warm start: a solved problem as the starting point of another, on a finer mesh or with other parameters.
 //!
-//! Functions of time are prolonged exactly where the new space contains the old one; multipliers and active bounds go from the
-//! nearest collocation point, in proportion to the quadrature weights.
+//! Functions of time are transferred exactly if the new space contains the old one. Multipliers and active bounds are
+//! taken from the nearest collocation point, multipliers in proportion to the quadrature weights.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -13,7 +13,7 @@ use crate::transcription::collocation::{Bound, Collocation, Rows, evaluate};
 use crate::transcription::instant::{EXCITATION, Form, Instant, LENGTH};
 use crate::transcription::scheme::{Discretisation, Trajectory};
 
-/// A converged solution with all that a start from it needs.
+/// A converged solution, with everything needed to start another problem from it.
 pub struct Answer {
     scheme: Box<dyn Discretisation>,
     form: Form,
@@ -37,9 +37,10 @@ impl Answer {
         }
     }
 
-    /// The start that this answer gives `problem`, of the same kind of model. Between schemes only the functions go over.
+    /// The starting point for `problem`, which must have the same kind of model. Multipliers are transferred only
+    /// between problems of the same form.
     pub fn start(&self, problem: &Collocation<'_>, scheme: &dyn Discretisation) -> Start {
-        let x = scheme.compose(&Prolonged {
+        let x = scheme.compose(&Transferred {
             answer: self,
             instant: Instant::new(problem.instant.model, self.form).within(problem.instant.surroundings().clone()),
             stretch: self.stretch(scheme),
@@ -49,17 +50,19 @@ impl Answer {
         Start { x, multipliers }
     }
 
-    /// Activation of muscle `m`.
+    /// Activation of muscle `m` at time `t` (s).
     pub fn activation(&self, t: f64, m: usize) -> f64 {
         evaluate(&self.scheme.activation_at(t, m), &self.x)
     }
 
-    /// This answer's duration over the other's.
+    /// Duration of this solution divided by that of the other.
     fn stretch(&self, scheme: &dyn Discretisation) -> f64 {
         let end = |scheme: &dyn Discretisation| *scheme.breakpoints().last().expect("a start and an end");
         end(self.scheme.as_ref()) / end(scheme)
     }
 
+    /// Multipliers of equalities and of inequalities, and which inequalities are active. Rows without a counterpart get
+    /// zero and inactive.
     fn multipliers(&self, problem: &Collocation<'_>, scheme: &dyn Discretisation) -> (Vec<f64>, Vec<f64>, Vec<bool>) {
         let rows = problem.rows();
         let stretch = self.stretch(scheme);
@@ -93,21 +96,23 @@ impl Answer {
     }
 }
 
+/// Index of the time nearest to `t`; `times` is increasing.
 fn nearest(times: &[f64], t: f64) -> usize {
     let after = times.partition_point(|&other| other < t).min(times.len() - 1);
     if after > 0 && t - times[after - 1] < times[after] - t { after - 1 } else { after }
 }
 
-/// The answer's functions of time, at the other's speed.
-struct Prolonged<'a> {
+/// The functions of time of a solution, stretched to the duration of the new problem.
+struct Transferred<'a> {
     answer: &'a Answer,
+    /// See [`Answer::stretch`].
     stretch: f64,
     instant: Instant<'a>,
-    /// The local variables at the instant last asked for.
+    /// The latest time requested, and the local variables there.
     last: RefCell<(f64, Vec<f64>)>,
 }
 
-impl Prolonged<'_> {
+impl Transferred<'_> {
     fn local(&self, t: f64, index: usize) -> f64 {
         let mut last = self.last.borrow_mut();
         if last.0 != t {
@@ -118,7 +123,7 @@ impl Prolonged<'_> {
     }
 }
 
-impl Trajectory for Prolonged<'_> {
+impl Trajectory for Transferred<'_> {
     fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64 {
         let value = evaluate(&self.answer.scheme.coordinate_at(t * self.stretch, derivative, i), &self.answer.x);
         value * self.stretch.powi(derivative as i32)

@@ -1,4 +1,4 @@
-//! Motion of a spatial model by its joint coordinates over time: where every body is, and how fast it moves.
+//! Motion of a spatial model from its joint coordinates over time: positions and velocities of all bodies.
 
 use num_dual::Dual64;
 
@@ -8,40 +8,55 @@ use crate::numerics::cubic::CubicSpline;
 use crate::skeleton::frame::{Frame, minus, norm};
 use crate::skeleton::{Girdle, Role};
 
-/// Joint coordinates as functions of the time from the start of the motion, and what the study changes in it.
+/// Joint coordinates as functions of time since the start of the motion, with the changes made by the study.
 #[derive(Clone, Debug)]
 pub struct JointMotion {
     spatial: Spatial,
-    /// By coordinate: constant, or a spline in the table's time with an offset and a factor on the excursion from its start.
-    coordinates: Vec<Over>,
+    /// One for each joint coordinate of the skeleton.
+    coordinates: Vec<CoordinateFunction>,
+    /// Start of the motion in the time of the motion table, s.
     start: f64,
     time_scale: f64,
-    /// rad
+    /// Additional abduction, rad.
     abduction: f64,
-    /// All coordinates at the start, which say the sign of Euler parameters.
+    /// All body coordinates at the start; they fix the signs of the Euler parameters.
     first: Vec<f64>,
 }
 
+/// A joint coordinate as a function of time.
 #[derive(Clone, Debug)]
-pub enum Over {
+pub enum CoordinateFunction {
     Constant(f64),
-    Time { spline: CubicSpline, first: f64, offset: f64, scale: f64 },
+    /// A spline in the time of the motion table. `first` is its value at the start; `offset` is added, and `scale`
+    /// multiplies the excursion from `first`.
+    Spline {
+        spline: CubicSpline,
+        first: f64,
+        offset: f64,
+        scale: f64,
+    },
 }
 
 impl JointMotion {
-    /// `coordinates`: one for each of the skeleton; `abduction` rad.
-    pub fn new(spatial: &Spatial, coordinates: Vec<Over>, start: f64, time_scale: f64, abduction: f64) -> Self {
+    /// `coordinates`: one for each joint coordinate of the skeleton; `start` in s, `abduction` in rad.
+    pub fn new(
+        spatial: &Spatial,
+        coordinates: Vec<CoordinateFunction>,
+        start: f64,
+        time_scale: f64,
+        abduction: f64,
+    ) -> Self {
         let mut motion =
             Self { spatial: spatial.clone(), coordinates, start, time_scale, abduction, first: Vec::new() };
         motion.first = spatial.coordinates_of(&motion.frames(0.0).real(), None);
         motion
     }
 
-    /// Joint coordinates with their rates in the dual parts.
+    /// Joint coordinates at time `t` (s), with their rates in the dual parts.
     fn pose(&self, t: f64) -> Vec<Dual64> {
-        let at = |over: &Over| match over {
-            Over::Constant(value) => Dual64::from(*value),
-            Over::Time { spline, first, offset, scale } => {
+        let at = |function: &CoordinateFunction| match function {
+            CoordinateFunction::Constant(value) => Dual64::from(*value),
+            CoordinateFunction::Spline { spline, first, offset, scale } => {
                 let [value, rate, _] = spline.at(self.start + t / self.time_scale);
                 Dual64::new(first + offset + scale * (value - first), scale * rate / self.time_scale)
             }
@@ -51,7 +66,7 @@ impl JointMotion {
         pose
     }
 
-    /// Where all bodies of the skeleton are at a time (s) from the start of the motion, with the rates of that.
+    /// Frames of all bodies of the skeleton at time `t` (s), with their rates in the dual parts.
     fn frames(&self, t: f64) -> Frames<Dual64> {
         let skeleton = &self.spatial.skeleton;
         let pose = self.pose(t);
@@ -68,11 +83,11 @@ impl JointMotion {
             let place = parent * joint.in_parent.lift();
             let pose = if is_girdle(joint.child) { &held } else { &pose };
             let mut frame = place * joint.motion.frame(pose) * joint.in_child.inverse().lift();
-            // What hangs on a fixed girdle keeps the direction in space that it has on the moving one.
-            let hangs = joint.parent.is_some_and(is_girdle) && !is_girdle(joint.child);
+            // A body attached to a fixed girdle keeps the orientation in space that it has with the moving girdle.
+            let is_on_girdle = joint.parent.is_some_and(is_girdle) && !is_girdle(joint.child);
             let abducted = skeleton.abduction.as_ref().filter(|a| a.body == joint.child && self.abduction != 0.0);
-            if hangs || abducted.is_some() {
-                let mut axes = if hangs { moving[joint.child].axes } else { frame.axes };
+            if is_on_girdle || abducted.is_some() {
+                let mut axes = if is_on_girdle { moving[joint.child].axes } else { frame.axes };
                 if let Some(abduction) = abducted {
                     let against = frames[abduction.against];
                     let axis =
@@ -90,7 +105,8 @@ impl JointMotion {
         Frames(frames)
     }
 
-    /// Coordinates of the bodies that have equations, Euler parameters of the sign nearest to those of `near`.
+    /// Coordinates of the bodies with equations of motion. The Euler parameters have the signs closest to those of
+    /// `near` (default: to those at the start).
     pub fn measured(&self, t: f64, near: Option<&[f64]>) -> Vec<f64> {
         let near = near.unwrap_or(&self.first);
         let mut padded = near.to_vec();
@@ -100,7 +116,7 @@ impl JointMotion {
         q
     }
 
-    /// Coordinates of the bodies whose motion is given, and their rates.
+    /// Coordinates of the bodies with prescribed motion, and their rates.
     pub fn given(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
         if self.spatial.given.is_empty() {
             return Default::default();
@@ -109,7 +125,7 @@ impl JointMotion {
         all[PER_BODY * self.spatial.bodies.len()..].iter().map(|x| (x.re, x.eps)).unzip()
     }
 
-    /// The largest distance between points that are held together, with their name, m.
+    /// The largest distance (m) between two points that should coincide, with the name of their constraint.
     pub fn gap(&self, t: f64) -> Option<(f64, &str)> {
         let frames = self.frames(t).real();
         let gap = |held: &crate::skeleton::HeldPoint| {
@@ -121,9 +137,11 @@ impl JointMotion {
     }
 }
 
+/// Frames of all bodies of the skeleton.
 struct Frames<T>(Vec<Frame<T>>);
 
 impl Frames<Dual64> {
+    /// The frames without their rates.
     fn real(&self) -> Vec<Frame<f64>> {
         let one = |frame: &Frame<Dual64>| Frame {
             axes: frame.axes.map(|row| row.map(|x| x.re)),

@@ -1,4 +1,4 @@
-//! The measured motion: a table of joint coordinates over time, and what is made of it.
+//! The measured motion: from a table of joint coordinates over time to measured body coordinates.
 
 pub mod joint_motion;
 pub mod sampling;

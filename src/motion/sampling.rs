@@ -1,5 +1,5 @@
-//! From a motion table to measured body coordinates at the measured instants: smoothing, resampling,
-//! offsets, noise, assembly.
+//! From a motion table to body coordinates at the measured instants: smoothing, resampling, offsets, assembly of the
+//! joints, noise.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 
 use super::MotionTable;
-use super::joint_motion::{JointMotion, Over};
+use super::joint_motion::{CoordinateFunction, JointMotion};
 use super::surroundings::{Load, Surroundings};
 use crate::deadline::Deadline;
 use crate::model::assembly::CannotAssemble;
@@ -16,17 +16,18 @@ use crate::model::spatial::Spatial;
 use crate::model::{ABDUCTION, Mechanics, Model};
 use crate::numerics::cubic::{CubicSpline, Ends};
 
-/// What a study may do to a motion before it is tracked.
+/// How a study resamples and modifies a motion before tracking.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionSettings {
-    /// Measured instants: `ratio · (p − 1) + 1`, equidistant.
+    /// There are `measurement_ratio · (p − 1) + 1` equidistant measured instants for p collocation points.
     pub measurement_ratio: usize,
-    /// Cut-off of a zero-lag second-order Butterworth low-pass, Hz; 0 for none.
+    /// Cut-off frequency of the zero-lag second-order Butterworth low-pass, Hz; 0 for no filter.
     pub smoothing_hz: f64,
-    /// Standard deviation of normal noise on every measured body coordinate, m and rad.
+    /// Standard deviation of the Gaussian noise added to every body coordinate, m and rad.
     pub noise_sd: f64,
+    /// Seed of the noise.
     pub seed: u64,
-    /// Durations are multiplied by this.
+    /// Factor on the duration.
     pub time_scale: f64,
     /// (joint coordinate, offset in SI units, factor on the excursion from its first value)
     pub changes: Vec<(String, f64, f64)>,
@@ -35,24 +36,25 @@ pub struct MotionSettings {
 /// The measured body coordinates.
 #[derive(Clone, Debug)]
 pub struct Measurement {
-    /// s, from the start of the motion, `p̂` instants
+    /// Measured instants (`p̂`), s from the start of the motion.
     pub times: Vec<f64>,
-    /// `p̂ × nq`, noise included
+    /// `p̂ × nq`, noise included.
     pub coordinates: Vec<Vec<f64>>,
-    /// What the motion file calls the start of the motion, s.
+    /// Time of the start of the motion in the motion file, s.
     pub clock: f64,
 }
 
-/// How far the joints of a loop may move a joint coordinate to close: what measuring errors explain, rad and m.
-const LARGEST_TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
-const LARGEST_SLIDE: f64 = 5e-3;
+/// Largest change of an angle (rad) or a displacement (m) that closing a loop may make: what measurement error
+/// explains.
+const MAX_ANGLE_CHANGE: f64 = 2.0 * std::f64::consts::PI / 180.0;
+const MAX_DISPLACEMENT_CHANGE: f64 = 5e-3;
 
 /// Why there is no measurement.
 #[derive(Debug)]
 pub enum Unmeasured {
-    /// The model's joints cannot be closed at a time (s).
+    /// The joints of the model cannot be closed at this time (s).
     Open(f64, CannotAssemble),
-    /// The joints close only where a joint coordinate is another by more than [`LARGEST_TURN`] or [`LARGEST_SLIDE`].
+    /// Closing the joints changes a joint coordinate by more than [`MAX_ANGLE_CHANGE`] or [`MAX_DISPLACEMENT_CHANGE`].
     Moved {
         /// s
         time: f64,
@@ -66,17 +68,18 @@ pub enum Unmeasured {
     Late,
 }
 
-/// The joint coordinate that the joints have moved too far to close: what was wanted of it, and what it is; whether it is an angle.
-fn moved<'p>(planar: &'p Planar, given: &[Option<f64>], q: &[f64]) -> Option<(&'p str, f64, f64, bool)> {
-    let (turn, half) = (std::f64::consts::TAU, std::f64::consts::PI);
+/// The first joint coordinate that closing the joints has changed too much: its name, the value wanted and the value
+/// found (rad or m), and whether it is an angle.
+fn changed_coordinate<'p>(planar: &'p Planar, given: &[Option<f64>], q: &[f64]) -> Option<(&'p str, f64, f64, bool)> {
+    let (turn, half_turn) = (std::f64::consts::TAU, std::f64::consts::PI);
     planar.joint_coordinates().zip(given).find_map(|((joint, name), wanted)| {
         let (wanted, found, is_angle) = ((*wanted)?, joint.coordinate_value(q).value, joint.kind.is_angular());
-        let by = found - wanted;
-        let by = if is_angle { (by + half).rem_euclid(turn) - half } else { by };
-        (by.abs() > if is_angle { LARGEST_TURN } else { LARGEST_SLIDE }).then_some((
+        let change = found - wanted;
+        let change = if is_angle { (change + half_turn).rem_euclid(turn) - half_turn } else { change };
+        (change.abs() > if is_angle { MAX_ANGLE_CHANGE } else { MAX_DISPLACEMENT_CHANGE }).then_some((
             name,
             wanted,
-            wanted + by,
+            wanted + change,
             is_angle,
         ))
     })
@@ -87,8 +90,8 @@ impl std::fmt::Display for Unmeasured {
         match self {
             Unmeasured::Open(time, gap) => write!(
                 f,
-                "the joints cannot all be closed at t = {time:.4} s: {} stay up to {:.3e} m or rad open, and no small change of the \
-                 pose reduces that (slope {:.1e}); check the lengths of the bodies in this loop",
+                "the joints cannot all be closed at t = {time:.4} s: {} remain open by up to {:.3e} m or rad, and no \
+                 small change of the pose reduces this gap (slope {:.1e}); check the body lengths in this loop",
                 gap.joints.join(", "),
                 gap.gap,
                 gap.slope
@@ -98,33 +101,34 @@ impl std::fmt::Display for Unmeasured {
                 let (wanted, found) = (factor * wanted, factor * found);
                 write!(
                     f,
-                    "the joints cannot make this motion: at t = {time:.4} s `{coordinate}` is {wanted:.1}{unit}, and the joints close \
-                     at {found:.1}{unit}"
+                    "the joints cannot follow this motion: at t = {time:.4} s `{coordinate}` should be \
+                     {wanted:.1}{unit}, but the joints close only at {found:.1}{unit}"
                 )
             }
             Unmeasured::Late => {
-                write!(f, "the time limit of the job passed before it could be set up; raise time_limit_s")
+                write!(f, "the job reached its time limit before it was set up; raise time_limit_s")
             }
         }
     }
 }
 
 impl MotionSettings {
-    /// (offset, factor) of a coordinate.
+    /// (offset, factor) of a joint coordinate.
     fn change(&self, name: &str) -> (f64, f64) {
         self.changes.iter().find(|(n, ..)| n == name).map_or((0.0, 1.0), |c| (c.1, c.2))
     }
 
+    /// A spline through the smoothed values of a column.
     fn spline(&self, table: &MotionTable, values: &[f64]) -> CubicSpline {
         let smooth = low_pass(&table.time, values, self.smoothing_hz);
         let points: Vec<(f64, f64)> = table.time.iter().copied().zip(smooth).collect();
         CubicSpline::new(&points, Ends::Natural)
     }
 
-    /// Samples the table at `points` collocation points' measured instants.
+    /// Samples the motion at the measured instants that belong to `points` collocation points.
     ///
     /// # Errors
-    /// Where the joints cannot be closed, or if the deadline passes.
+    /// If the joints cannot be closed at some instant, or the deadline passes.
     pub fn measure(
         &self,
         table: &MotionTable,
@@ -158,7 +162,8 @@ impl MotionSettings {
         Ok(Measurement { times, coordinates, clock: table.start() })
     }
 
-    /// Body coordinates of a planar model that closes its joints.
+    /// Body coordinates of a planar model with its joints closed, one row per instant. `step`: interval in the time of
+    /// the table, s.
     fn assembled(
         &self,
         table: &MotionTable,
@@ -187,7 +192,7 @@ impl MotionSettings {
                 .collect();
             let q = planar.assemble(&given, coordinates.last().map(Vec::as_slice));
             let q = q.map_err(|gap| Unmeasured::Open(t, gap))?;
-            if let Some((coordinate, wanted, found, is_angle)) = moved(planar, &given, &q) {
+            if let Some((coordinate, wanted, found, is_angle)) = changed_coordinate(planar, &given, &q) {
                 return Err(Unmeasured::Moved { time: t, coordinate: coordinate.to_owned(), wanted, found, is_angle });
             }
             coordinates.push(q);
@@ -195,23 +200,23 @@ impl MotionSettings {
         Ok(coordinates)
     }
 
-    /// The joint coordinates of a spatial model over time; those without a column keep their default.
+    /// The joint coordinates of a spatial model over time. Locked ones, and those without a column, keep their default.
     pub fn joint_motion(&self, table: &MotionTable, spatial: &Spatial) -> JointMotion {
         let coordinates = (spatial.skeleton.coordinates.iter())
             .map(|coordinate| match table.column(&coordinate.name) {
                 Some(values) if !coordinate.locked => {
                     let spline = self.spline(table, values);
                     let (offset, scale) = self.change(&coordinate.name);
-                    Over::Time { first: spline.at(table.start())[0], spline, offset, scale }
+                    CoordinateFunction::Spline { first: spline.at(table.start())[0], spline, offset, scale }
                 }
-                _ => Over::Constant(coordinate.default),
+                _ => CoordinateFunction::Constant(coordinate.default),
             })
             .collect();
         let (abduction, _) = self.change(ABDUCTION);
         JointMotion::new(spatial, coordinates, table.start(), self.time_scale, abduction)
     }
 
-    /// External forces and the motion of given bodies.
+    /// External forces, and the motion of the bodies with prescribed motion.
     pub fn surroundings(&self, table: &MotionTable, model: &Model) -> Surroundings {
         let Mechanics::Spatial(spatial) = &model.mechanics else { return Surroundings::constant(model) };
         let over_time = |name: &str, scale: f64| {
@@ -220,7 +225,7 @@ impl MotionSettings {
                 let points = table.time.iter().map(|t| (t - table.start()) * self.time_scale).zip(values[axis].clone());
                 CubicSpline::new(&points.collect::<Vec<_>>(), Ends::Natural)
             };
-            Some(Load::OverTime(Box::new([spline(0), spline(1), spline(2)]), scale))
+            Some(Load::TimeVarying(Box::new([spline(0), spline(1), spline(2)]), scale))
         };
         let loads = (spatial.skeleton.forces.iter())
             .map(|force| match force.force {
@@ -233,13 +238,14 @@ impl MotionSettings {
     }
 }
 
-/// The highest cut-off that [`low_pass`] can have, as a share of the sampling rate.
+/// The highest cut-off frequency of [`low_pass`], as a fraction of the sampling rate.
 pub const HIGHEST_CUTOFF: f64 = 0.38;
 
-/// Second-order Butterworth low-pass, forwards and backwards (so of no lag), on a uniform resampling with the ends
-/// mirrored about their values. Returns the values at `time` unchanged if `cutoff_hz` is 0.
+/// Zero-lag second-order Butterworth low-pass: resamples `values` uniformly, extends them at both ends by point
+/// reflection about the end values, filters forwards and backwards, and returns the result at `time` (s). Returns
+/// `values` unchanged if `cutoff_hz` is 0.
 ///
-/// Source: D. A. Winter, *Biomechanics and Motor Control of Human Movement*, Wiley, ch. 3 (the usual filter for
+/// Source: D. A. Winter, *Biomechanics and Motor Control of Human Movement*, Wiley, ch. 3 (the standard filter for
 /// kinematic data).
 pub fn low_pass(time: &[f64], values: &[f64], cutoff_hz: f64) -> Vec<f64> {
     let n = time.len();
@@ -250,7 +256,7 @@ pub fn low_pass(time: &[f64], values: &[f64], cutoff_hz: f64) -> Vec<f64> {
     let spline = CubicSpline::new(&points, Ends::Natural);
     let step = (time[n - 1] - time[0]) / (n - 1) as f64;
     let uniform: Vec<f64> = (0..n).map(|i| spline.at(time[0] + i as f64 * step)[0]).collect();
-    // Two passes of second order lower the −3 dB point by (√2 − 1)^¼.
+    // Two second-order passes lower the −3 dB frequency by the factor (√2 − 1)^¼.
     let warped = (std::f64::consts::PI * cutoff_hz * step / (2f64.sqrt() - 1.0).powf(0.25)).min(1.5).tan();
     let (k, k2) = (2f64.sqrt() * warped, warped * warped);
     let b = k2 / (1.0 + k + k2);
@@ -282,7 +288,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_filter_keeps_lines_passes_slow_waves_and_stops_fast_ones() {
+    fn the_filter_keeps_lines_passes_low_and_stops_high_frequencies() {
         let time: Vec<f64> = (0..=200).map(|i| i as f64 * 0.01).collect();
         let line: Vec<f64> = time.iter().map(|t| 2.0 * t - 1.0).collect();
         let smooth = low_pass(&time, &line, 6.0);

@@ -1,4 +1,4 @@
-//! What acts on a model over time and is no unknown: external forces, and the motion of bodies that is given.
+//! Known functions of time that act on a model: external forces, and the motion of bodies whose motion is prescribed.
 
 use std::sync::Arc;
 
@@ -6,22 +6,24 @@ use super::joint_motion::JointMotion;
 use crate::model::{Mechanics, Model};
 use crate::numerics::cubic::CubicSpline;
 
+/// External forces and prescribed motion.
 #[derive(Clone, Debug, Default)]
 pub struct Surroundings {
     loads: Vec<Load>,
-    /// Of a spatial model with bodies whose motion is given.
+    /// Motion of a spatial model in which some bodies have prescribed motion.
     motion: Option<Arc<JointMotion>>,
 }
 
-/// An external force in the ground's axes, N; of a planar model with its moment (N m) third.
+/// An external force in ground axes, N. In a planar model, the third component is the moment, N m.
 #[derive(Clone, Debug)]
 pub enum Load {
     Constant([f64; 3]),
-    OverTime(Box<[CubicSpline; 3]>, f64),
+    /// Splines of the components, and a scale factor.
+    TimeVarying(Box<[CubicSpline; 3]>, f64),
 }
 
 impl Surroundings {
-    /// Constant forces, and bodies in no given motion.
+    /// The constant forces of the model, without prescribed motion.
     pub fn constant(model: &Model) -> Self {
         let loads = match &model.mechanics {
             Mechanics::Planar(planar) => {
@@ -39,16 +41,16 @@ impl Surroundings {
         Self { loads, motion }
     }
 
-    /// The external forces at a time, in the order of the model's.
+    /// The external forces at time `t` (s), in the order of the model.
     pub fn loads(&self, t: f64) -> Vec<[f64; 3]> {
         let at = |load: &Load| match load {
             Load::Constant(force) => *force,
-            Load::OverTime(splines, scale) => [0, 1, 2].map(|i| scale * splines[i].at(t)[0]),
+            Load::TimeVarying(splines, scale) => [0, 1, 2].map(|i| scale * splines[i].at(t)[0]),
         };
         self.loads.iter().map(at).collect()
     }
 
-    /// Coordinates of the bodies whose motion is given, and their rates.
+    /// Coordinates of the bodies with prescribed motion, and their rates; empty if there are none.
     pub fn given(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
         self.motion.as_ref().map_or_else(Default::default, |motion| motion.given(t))
     }

@@ -1,9 +1,9 @@
 //! Motion files: CSV, and OpenSim's `.mot`/`.sto` storage tables.
 //!
-//! One column is `time` (s), the others joint coordinates, in any order. CSV headers carry the unit as a
-//! suffix (`elbow_angle_deg`, `elbow_angle_rad`, `slide_m`); lines that begin with `#` are comments. Storage files say
-//! `inDegrees=yes|no` in their header, which ends with `endheader`. An external force that the model leaves to the motion has the columns
-//! `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
+//! One column is `time` (s); the others are joint coordinates, in any order. CSV column names carry the unit as a
+//! suffix (`elbow_angle_deg`, `elbow_angle_rad`, `slide_m`); lines that begin with `#` are comments. Storage files
+//! declare `inDegrees=yes|no` in their header, which ends with `endheader`. An external force whose values come from
+//! the motion has the columns `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
 
 use std::path::Path;
 
@@ -14,17 +14,17 @@ use crate::model::Model;
 /// Joint coordinates over time, in SI units (rad, m).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionTable {
-    /// s, increasing, at least four
+    /// Instants, s, increasing; at least four.
     pub time: Vec<f64>,
-    /// (name of the joint coordinate, one value per time)
+    /// (name of the joint coordinate, one value per instant)
     pub columns: Vec<(String, Vec<f64>)>,
-    /// (name of the external force, its components in the ground's axes, N)
+    /// (name of the external force, its components in ground axes, N)
     pub forces: Vec<(String, [Vec<f64>; 3])>,
-    /// What of the file is not used, or contradicts the model.
+    /// Remarks on data that are ignored, missing or contradict the model.
     pub notes: Vec<String>,
 }
 
-/// What a column is.
+/// The meaning of a column.
 enum Column {
     Time,
     /// Index of the force, and of its axis.
@@ -35,16 +35,16 @@ enum Column {
 }
 
 impl MotionTable {
-    /// Reads a motion file for a model; the ending decides the format.
+    /// Reads a motion file for a model; the file extension determines the format.
     ///
     /// # Errors
-    /// A message with file and line if the header lacks `time`, a column is not a coordinate of the model or has no
-    /// unit, a field is missing or not a finite number, or time does not increase.
+    /// If there is no column `time`, a column is not a joint coordinate of the model or has no unit, a field is
+    /// missing or not a finite number, or time does not increase. The error names file and line.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
         Self::from_file(&SourceFile::read(path)?, model)
     }
 
-    /// [`MotionTable::load`] of a file that is read already.
+    /// As [`MotionTable::load`], for a file already read.
     pub fn from_file(file: &SourceFile, model: &Model) -> Result<Self> {
         let ending = file.path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
         let refused = |message: String, help: &str| Err(file.error(None, message, "", Some(help.to_owned())));
@@ -55,18 +55,18 @@ impl MotionTable {
                 let text = TextTable::storage(file)?;
                 if text.in_degrees.is_none() {
                     let help = "add the line inDegrees=yes or inDegrees=no above `endheader`";
-                    return Err(at_line(file, 1, "the header does not say inDegrees", help));
+                    return Err(at_line(file, 1, "the header does not declare inDegrees", help));
                 }
                 text
             }
             "trc" | "c3d" => {
                 let help =
-                    "a motion is joint coordinates over time: let inverse kinematics make a .mot of the markers first";
-                return refused(format!("{name}: a .{ending} file holds positions of markers"), help);
+                    "a motion holds joint coordinates: run inverse kinematics on the markers and use its .mot file";
+                return refused(format!("{name}: a .{ending} file holds marker positions"), help);
             }
             _ => {
                 return refused(
-                    format!("{name}: unknown kind of motion file `.{ending}`"),
+                    format!("{name}: unknown type of motion file `.{ending}`"),
                     "a motion is a .csv, .mot or .sto file",
                 );
             }
@@ -122,7 +122,7 @@ impl MotionTable {
                 Column::Time => {
                     let time = number(index, "time is in seconds")?;
                     if let Some(last) = self.time.last().filter(|last| **last >= time) {
-                        let message = format!("line {}: time {time} s does not come after {last} s", row.line);
+                        let message = format!("line {}: time {time} s is not later than {last} s", row.line);
                         return Err(at_line(
                             file,
                             row.line,
@@ -136,7 +136,7 @@ impl MotionTable {
                     self.forces[*force].1[*axis].push(number(index, "forces are in newtons")?)
                 }
                 Column::Coordinate(_, factor) => {
-                    let value = number(index, "fill gaps before: Sinew does not guess measurements")?;
+                    let value = number(index, "fill gaps beforehand: Sinew does not guess measurements")?;
                     self.columns[coordinate].1.push(value * factor);
                     coordinate += 1;
                 }
@@ -156,17 +156,18 @@ impl MotionTable {
         self.forces.iter().find(|(force, _)| force == name).map(|(_, values)| values)
     }
 
+    /// The first instant, s.
     pub fn start(&self) -> f64 {
         self.time[0]
     }
 
-    /// s
+    /// Last minus first instant, s.
     pub fn duration(&self) -> f64 {
         self.time[self.time.len() - 1] - self.time[0]
     }
 }
 
-/// What the column of a name is.
+/// The meaning of the column named `field`.
 fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) -> Result<Column> {
     let is_storage = text.in_degrees.is_some();
     if field == "time" || (!is_storage && field == "time_s") {
@@ -189,12 +190,12 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
     let coordinates = model.joint_coordinates();
     let Some(&(coordinate, angular)) = coordinates.iter().find(|(known, _)| *known == short) else {
         if is_storage {
-            return Ok(Column::Ignored); // storage files hold all coordinates of the subject: take those the model has
+            return Ok(Column::Ignored); // storage files contain all coordinates of the subject
         }
         let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
         let near = nearest(short, known.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
         let message = format!("the column `{field}` is not a joint coordinate of the model `{}`", model.name);
-        let help = format!("{near}the model has: {}{}", known.join(", "), forces_said(&forces));
+        let help = format!("{near}the model has: {}{}", known.join(", "), force_columns(&forces));
         return Err(text.error(file, message, &help));
     };
     let factor = match (angular, text.in_degrees, unit) {
@@ -203,14 +204,15 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
         (false, Some(_), _) | (false, None, Some("m")) => 1.0,
         _ => {
             let units = if angular { "_deg or _rad" } else { "_m" };
-            let help = format!("name it `{coordinate}` with the ending {units}");
-            return Err(text.error(file, format!("the column `{field}` does not say its unit"), &help));
+            let help = format!("append the unit to its name: `{coordinate}` followed by {units}");
+            return Err(text.error(file, format!("the column `{field}` has no valid unit"), &help));
         }
     };
     Ok(Column::Coordinate(coordinate.to_owned(), factor))
 }
 
-/// One column of time, at least one of a coordinate, no coordinate twice, all three of each force.
+/// Checks that there is one time column, at least one coordinate, no coordinate twice, and all three columns of each
+/// force.
 fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[Column]) -> Result<()> {
     let named = |wanted: &dyn Fn(&Column) -> bool| {
         let found = columns.iter().zip(&text.names).enumerate().filter(|(_, (column, _))| wanted(column));
@@ -218,58 +220,63 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
     };
     let times = named(&|column| matches!(column, Column::Time));
     if times.is_empty() {
-        return Err(text.error(file, "there is no column `time`", "name the column that holds the seconds `time`"));
+        return Err(text.error(file, "there is no column `time`", "name the column of instants in seconds `time`"));
     }
     if times.len() > 1 {
-        let message = format!("columns {} are all the time", times.join(" and "));
-        return Err(text.error(file, message, "keep the one that holds the seconds"));
+        let message = format!("several columns hold the time: {}", times.join(" and "));
+        return Err(text.error(file, message, "keep the one in seconds"));
     }
     let coordinates = model.joint_coordinates();
-    let mut any = false;
+    let mut has_coordinate = false;
     for (coordinate, _) in &coordinates {
         let own = named(&|column| matches!(column, Column::Coordinate(name, _) if name == coordinate));
-        any |= !own.is_empty();
+        has_coordinate |= !own.is_empty();
         if own.len() > 1 {
             let message = format!("the joint coordinate `{coordinate}` has {} columns: {}", own.len(), own.join(", "));
             return Err(text.error(file, message, "keep one of them"));
         }
     }
-    if !any {
+    if !has_coordinate {
         let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
         let message = format!("no column is a joint coordinate of the model `{}`", model.name);
         return Err(text.error(file, message, &format!("the model has: {}", known.join(", "))));
     }
     for (k, force) in model.measured_forces().iter().enumerate() {
-        let there = named(&|column| matches!(column, Column::Force(own, _) if *own == k)).len();
-        if there != 3 {
-            let message = format!("the external force `{force}` has {there} of its three columns");
+        let present = named(&|column| matches!(column, Column::Force(own, _) if *own == k)).len();
+        if present != 3 {
+            let message = format!("the external force `{force}` has {present} of its three columns");
             let help =
-                format!("add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or give the force in the model");
+                format!("add {force}_x_n, {force}_y_n and {force}_z_n (newtons), or specify the force in the model");
             return Err(text.error(file, message, &help));
         }
     }
     Ok(())
 }
 
-/// Steps this many times longer than the usual one are gaps.
-const GAP: f64 = 5.0;
+/// A step longer than this many median steps is a gap.
+const GAP_STEPS: f64 = 5.0;
 
-/// The longest gap of a motion, whose values in between are interpolated.
+/// A remark on the longest step of a motion, if it is a gap.
 fn gap(time: &[f64]) -> Option<String> {
     let steps: Vec<(f64, f64)> = time.windows(2).map(|pair| (pair[1] - pair[0], pair[0])).collect();
     let mut sorted: Vec<f64> = steps.iter().map(|step| step.0).collect();
     sorted.sort_by(f64::total_cmp);
-    let usual = sorted[sorted.len() / 2];
+    let median = sorted[sorted.len() / 2];
     let (longest, at) = steps.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    (longest > GAP * usual).then(|| {
-        format!("nothing is measured between {at:.3} and {:.3} s, {:.0} times the usual step: what is between is a smooth curve", at + longest, longest / usual)
+    (longest > GAP_STEPS * median).then(|| {
+        format!(
+            "there are no measurements between {at:.3} and {:.3} s ({:.0} times the median step): the motion is \
+             interpolated there",
+            at + longest,
+            longest / median
+        )
     })
 }
 
-/// A column further than this (rad, m) from what the model says contradicts it.
-const CONTRADICTS: f64 = 1e-3;
+/// A column that deviates from the model by more than this (rad, m) contradicts it.
+const MAX_DEVIATION: f64 = 1e-3;
 
-/// Columns of coordinates that are locked in the model, or that follow others, and say something else than the model.
+/// Remarks on columns that contradict the model: those of locked or dependent coordinates with other values.
 fn contradictions(table: &MotionTable, model: &Model) -> Vec<String> {
     let Some(spatial) = model.spatial() else { return Vec::new() };
     let skeleton = &spatial.skeleton;
@@ -284,23 +291,24 @@ fn contradictions(table: &MotionTable, model: &Model) -> Vec<String> {
         };
         let name = &coordinate.name;
         if coordinate.locked {
-            let by = furthest(&|_| coordinate.default);
-            if by > CONTRADICTS {
+            let deviation = furthest(&|_| coordinate.default);
+            if deviation > MAX_DEVIATION {
                 let at = shown(coordinate.default);
                 notes.push(format!(
-                    "column `{name}` is ignored: the coordinate is locked at {at}, the column is up to {} off",
-                    shown(by)
+                    "column `{name}` is ignored: the coordinate is locked at {at}, but the column deviates by up to {}",
+                    shown(deviation)
                 ));
             }
-        } else if let Some((leader, by_function)) = &coordinate.follows {
+        } else if let Some((leader, function)) = &coordinate.follows {
             let leader = &skeleton.coordinates[*leader];
             let given = table.column(&leader.name);
-            let by = furthest(&|i| by_function.at(given.map_or(leader.default, |values| values[i])));
-            if by > CONTRADICTS {
+            let deviation = furthest(&|i| function.at(given.map_or(leader.default, |values| values[i])));
+            if deviation > MAX_DEVIATION {
                 notes.push(format!(
-                    "column `{name}` is ignored: the coordinate follows `{}`, and the column is up to {} off (another unit?)",
+                    "column `{name}` is ignored: the coordinate depends on `{}`, but the column deviates from \
+                     it by up to {} (in another unit?)",
                     leader.name,
-                    shown(by)
+                    shown(deviation)
                 ));
             }
         }
@@ -308,7 +316,8 @@ fn contradictions(table: &MotionTable, model: &Model) -> Vec<String> {
     notes
 }
 
-fn forces_said(forces: &[&str]) -> String {
-    let columns = forces.iter().map(|force| format!("; of the force {force}: {force}_x_n, {force}_y_n, {force}_z_n"));
+/// The columns that each force needs, as part of a help text.
+fn force_columns(forces: &[&str]) -> String {
+    let columns = forces.iter().map(|force| format!("; for the force {force}: {force}_x_n, {force}_y_n, {force}_z_n"));
     columns.collect()
 }

@@ -1,21 +1,22 @@
-//! Tables as text: CSV files, and OpenSim's storage files (`.mot`, `.sto`). Names of columns, and rows with their lines.
+//! Reads CSV files and OpenSim storage files (`.mot`, `.sto`) as tables of text: column names, and rows with line
+//! numbers.
 
 use crate::error::{Error, Result, SourceFile};
 
-/// A table of text fields.
+/// A table of text fields. Each row has one field per column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TextTable {
-    /// Line of the names, from 1.
+    /// Line of the column names, counted from 1.
     pub line: usize,
     pub names: Vec<String>,
     pub rows: Vec<Row>,
-    /// Whether a storage file says that angles are in degrees.
+    /// `inDegrees` in the header of a storage file.
     pub in_degrees: Option<bool>,
-    /// Columns that were ignored.
+    /// Remarks on columns that were ignored.
     pub notes: Vec<String>,
 }
 
-/// A row with its line, from 1.
+/// A row and its line, counted from 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     pub line: usize,
@@ -23,13 +24,13 @@ pub struct Row {
 }
 
 impl TextTable {
-    /// Reads a CSV file: commas between columns, points in numbers, names in the first row, quotes where they are needed; lines that
-    /// begin with `#` are comments.
+    /// Reads a CSV file: comma-separated columns, decimal points, column names in the first row, fields quoted where
+    /// necessary. Lines that begin with `#` are comments.
     ///
     /// # Errors
-    /// If it is written in another way, or a row has not a field for each column.
+    /// If the file is not in this format, or a row does not have one field per column.
     pub fn csv(file: &SourceFile) -> Result<Self> {
-        // Spreadsheets put a byte order mark first.
+        // Spreadsheets write a byte order mark.
         let text = file.text.trim_start_matches('\u{feff}');
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
@@ -41,18 +42,18 @@ impl TextTable {
         for record in reader.records() {
             let record = record.map_err(|e| {
                 let line = e.position().map_or(1, |position| position.line() as usize);
-                at_line(file, line, e.to_string(), "a CSV file has commas between columns, and quotes in pairs")
+                at_line(file, line, e.to_string(), "separate the columns with commas and close every quote")
             })?;
             let line = record.position().map_or(1, |position| position.line() as usize);
             rows.push(Row { line, fields: record.iter().map(str::to_owned).collect() });
         }
-        let table = Self::of_rows(file, rows)?;
-        let help = "save the file with commas between columns and points in numbers: 0.25, not 0,25";
+        let table = Self::from_rows(file, rows)?;
+        let help = "separate the columns with commas and write decimals with a point: 0.25, not 0,25";
         table.check_separator(file, &[(';', "semicolons"), ('\t', "tabs")], help)?;
-        table.complete(file)
+        table.checked(file)
     }
 
-    /// Refuses a table that is one column by its own separator, and several by another one.
+    /// Rejects a table with a single column whose name contains another separator.
     fn check_separator(&self, file: &SourceFile, others: &[(char, &str)], help: &str) -> Result<()> {
         let [name] = &self.names[..] else { return Ok(()) };
         let Some((separator, word)) = others.iter().find(|(c, _)| name.contains(*c)) else { return Ok(()) };
@@ -63,13 +64,14 @@ impl TextTable {
     /// Reads an OpenSim storage file: a header that ends with the line `endheader`, then names and rows.
     ///
     /// # Errors
-    /// If the header lacks its end or says something that the table is not: another number of rows, above all, as of a file that was cut off.
+    /// If the header has no end, contradicts itself, or declares another number of rows than there are (as in a
+    /// truncated file), or a row does not have one field per column.
     pub fn storage(file: &SourceFile) -> Result<Self> {
         let text = file.text.trim_start_matches('\u{feff}');
         let lines: Vec<&str> = text.lines().collect();
         let Some(end) = lines.iter().position(|line| line.trim().eq_ignore_ascii_case("endheader")) else {
             let help = "an OpenSim storage file has a header that ends with the line `endheader`";
-            return Err(at_line(file, 1, "the header has no line `endheader`", help));
+            return Err(at_line(file, 1, "the header has no `endheader` line", help));
         };
         let mut in_degrees: Option<bool> = None;
         let mut count = None;
@@ -82,8 +84,8 @@ impl TextTable {
                 "indegrees" => {
                     let found = yes_or_no(file, i + 1, value)?;
                     if in_degrees.is_some_and(|before| before != found) {
-                        let help = "keep the one that holds";
-                        return Err(at_line(file, i + 1, "inDegrees is there twice, as yes and as no", help));
+                        let help = "keep the correct one";
+                        return Err(at_line(file, i + 1, "inDegrees is given twice, as yes and as no", help));
                     }
                     in_degrees = Some(found);
                 }
@@ -96,34 +98,40 @@ impl TextTable {
             line: i + 1,
             fields: line.split_whitespace().map(str::to_owned).collect(),
         };
-        let table = Self::of_rows(file, rows.map(row).collect())?;
+        let table = Self::from_rows(file, rows.map(row).collect())?;
         table.check_separator(
             file,
             &[(';', "semicolons"), (',', "commas")],
-            "save the file with tabs or spaces between columns",
+            "separate the columns with tabs or spaces",
         )?;
-        let mut table = table.complete(file)?;
+        let mut table = table.checked(file)?;
         if let Some((line, count)) = count.filter(|(_, count)| *count != table.rows.len()) {
-            let message = format!("the header says {count} rows, and there are {}", table.rows.len());
-            let help = "is the file cut off? If not, mend the number in the header";
+            let message = format!("the header declares {count} rows, but the table has {}", table.rows.len());
+            let help = "check whether the file is truncated; if not, correct the number in the header";
             return Err(at_line(file, line, message, help));
         }
         table.in_degrees = in_degrees;
         Ok(table)
     }
 
-    fn of_rows(file: &SourceFile, mut rows: Vec<Row>) -> Result<Self> {
+    fn from_rows(file: &SourceFile, mut rows: Vec<Row>) -> Result<Self> {
         if rows.is_empty() {
             let help = "the first row names the columns".to_owned();
-            return Err(file.error(None, format!("{}: the file holds no table", file.path.display()), "", Some(help)));
+            return Err(file.error(
+                None,
+                format!("{}: the file contains no table", file.path.display()),
+                "",
+                Some(help),
+            ));
         }
         let header = rows.remove(0);
         Ok(Self { line: header.line, names: header.fields, rows, in_degrees: None, notes: Vec::new() })
     }
 
-    /// Takes out columns without a name that say nothing, and sees that each row has a field for each column.
-    fn complete(mut self, file: &SourceFile) -> Result<Self> {
-        // A separator at the end of a line makes an empty field.
+    /// Removes unnamed columns that are empty or only number the rows, and checks that each row has one field per
+    /// column.
+    fn checked(mut self, file: &SourceFile) -> Result<Self> {
+        // A trailing separator produces an empty field.
         while self.names.last().is_some_and(String::is_empty) && self.rows.iter().all(|row| self.is_empty_at_end(row)) {
             self.names.pop();
         }
@@ -133,18 +141,18 @@ impl TextTable {
             }
             if row.fields.len() != self.names.len() {
                 let message =
-                    format!("line {}: {} fields under {} columns", row.line, row.fields.len(), self.names.len());
-                let help = "each row has one field per column; decimals are written with a point";
+                    format!("line {}: {} fields for {} columns", row.line, row.fields.len(), self.names.len());
+                let help = "give one field per column in each row; write decimals with a point";
                 return Err(at_line(file, row.line, message, help));
             }
         }
         while let Some(column) = self.names.iter().position(String::is_empty) {
-            if !self.counts_rows(column) {
+            if !self.is_row_index(column) {
                 let message = format!("column {} has no name", column + 1);
-                let help = "name it, or remove it; only an index that counts the rows may go without a name";
+                let help = "name or remove the column; only a row index may be unnamed";
                 return Err(at_line(file, self.line, message, help));
             }
-            self.notes.push(format!("column {} has no name and counts the rows: ignored", column + 1));
+            self.notes.push(format!("column {} is ignored: it has no name and only numbers the rows", column + 1));
             self.names.remove(column);
             self.rows.iter_mut().for_each(|row| {
                 row.fields.remove(column);
@@ -153,17 +161,18 @@ impl TextTable {
         Ok(self)
     }
 
+    /// Whether the row has no field, or an empty one, in the last column.
     fn is_empty_at_end(&self, row: &Row) -> bool {
         row.fields.len() < self.names.len() || row.fields[self.names.len() - 1].is_empty()
     }
 
-    /// Whether a column is an index: whole numbers, each one more than that before.
-    fn counts_rows(&self, column: usize) -> bool {
+    /// Whether a column is a row index: consecutive integers.
+    fn is_row_index(&self, column: usize) -> bool {
         let numbers: Option<Vec<i64>> = self.rows.iter().map(|row| row.fields[column].parse().ok()).collect();
         numbers.is_some_and(|numbers| numbers.windows(2).all(|pair| pair[1] == pair[0] + 1))
     }
 
-    /// An error at the line of the names.
+    /// An error at the line of the column names.
     pub fn error(&self, file: &SourceFile, message: impl Into<String>, help: &str) -> Error {
         at_line(file, self.line, message, help)
     }
@@ -177,7 +186,7 @@ fn yes_or_no(file: &SourceFile, line: usize, value: &str) -> Result<bool> {
     }
 }
 
-/// An error at a line, from 1.
+/// An error at a line, counted from 1.
 pub fn at_line(file: &SourceFile, line: usize, message: impl Into<String>, help: &str) -> Error {
     file.error(file.line_span(line), message, "here", Some(help.to_owned()))
 }

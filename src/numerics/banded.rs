@@ -1,6 +1,6 @@
-//! Least-squares fits by splines whose normal equations are narrow bands.
+//! Banded Cholesky factorisation, for the normal equations of spline fits.
 
-/// A symmetric positive definite band matrix, factorised in place by Cholesky, O(n·band²).
+/// A symmetric positive definite band matrix, solved by Cholesky factorisation in place in O(n · band²).
 pub struct SymmetricBand {
     order: usize,
     band: usize,
@@ -13,7 +13,7 @@ impl SymmetricBand {
         Self { order, band, lower: vec![vec![0.0; band + 1]; order] }
     }
 
-    /// Adds `weight · b bᵀ` with `b` the row of `values` that starts at column `first`.
+    /// Adds `weight · b bᵀ`, where the vector b holds `values` from index `first` on and zeros elsewhere.
     pub fn add_outer(&mut self, first: usize, values: &[f64], weight: f64) {
         for (i, vi) in values.iter().enumerate() {
             for (j, vj) in values[..=i].iter().enumerate() {

@@ -1,20 +1,20 @@
 //! B-spline spaces on given breakpoints, by the Cox–de Boor recursion.
 //!
-//! A [`SplineSpace`] of degree `d` on `s` spans has `s + d` coefficients and is `d − 1` times continuously
-//! differentiable (degree 0 is piecewise constant, continuous from the right). Knots: the breakpoints, the
-//! two end ones repeated `d + 1` times, so that the first coefficient is the value at the start.
+//! A [`SplineSpace`] of degree `d` on `s` spans has `s + d` coefficients, and its splines are `d − 1` times
+//! continuously differentiable (degree 0: piecewise constant, right-continuous). The knots are the breakpoints, with
+//! the first and last repeated to multiplicity `d + 1`, so that the first coefficient is the value at the start.
 //!
 //! Source: C. de Boor, *A Practical Guide to Splines*, Springer 1978, ch. X.
 
-/// The splines of one degree on one set of breakpoints.
+/// The space of splines of a given degree on given breakpoints.
 #[derive(Clone, Debug)]
 pub struct SplineSpace {
     degree: usize,
     knots: Vec<f64>,
 }
 
-/// The values (or a derivative) at one time of the basis functions that do not vanish there:
-/// function `first + i` has the value `values[i]`.
+/// Values (or derivatives) at one time of the basis functions that are nonzero there: function `first + i` has the
+/// value `values[i]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Basis {
     pub first: usize,
@@ -22,7 +22,7 @@ pub struct Basis {
 }
 
 impl SplineSpace {
-    /// The space of `degree` on increasing `breakpoints` (seconds, at least two).
+    /// The space of this degree on increasing `breakpoints` (seconds, at least two).
     ///
     /// # Panics
     /// If there are fewer than two breakpoints or they do not increase.
@@ -44,7 +44,7 @@ impl SplineSpace {
         self.knots.len() - self.degree - 1
     }
 
-    /// The span index of `t`, so that `knots[k] ≤ t < knots[k + 1]`; the last span holds the end point too.
+    /// The index k of the span with `knots[k] ≤ t < knots[k + 1]`; the last span includes the end point.
     fn span(&self, t: f64) -> usize {
         let last = self.knots.len() - self.degree - 2;
         let after = self.knots.partition_point(|&k| k <= t);
@@ -53,15 +53,15 @@ impl SplineSpace {
 
     /// The basis at `t`, differentiated `derivative` times (per second to that power).
     ///
-    /// Outside the breakpoints the polynomials of the first and last span go on. A derivative beyond the
-    /// degree is zero.
+    /// Outside the breakpoints, the polynomials of the first and last span are extrapolated. Derivatives of order
+    /// above the degree are zero.
     pub fn basis(&self, t: f64, derivative: usize) -> Basis {
         let k = self.span(t);
         let first = k - self.degree;
         if derivative > self.degree {
             return Basis { first, values: vec![0.0; self.degree + 1] };
         }
-        // N_{i,r}(t), r = 0 … d − derivative, for the r + 1 functions that live on span k.
+        // N_{i,r}(t), r = 0 … d − derivative, for the r + 1 functions that are nonzero on span k.
         let lower = self.degree - derivative;
         let mut values = vec![1.0];
         for r in 1..=lower {
@@ -131,7 +131,7 @@ mod tests {
                 assert!((space.value(&greville, t, 0) - t).abs() < 1e-14);
                 assert!((space.value(&greville, t, 1) - 1.0).abs() < 1e-12);
             }
-            // t^d: its blossom at the knots is their product; its d-th derivative is d!.
+            // t^d: each coefficient is its blossom, the product of d interior knots; its d-th derivative is d!.
             let power: Vec<f64> = (0..space.dimension()).map(|i| space.knots[i + 1..=i + d].iter().product()).collect();
             let factorial: f64 = (1..=d).map(|k| k as f64).product();
             for i in 0..=20 {
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn degree_zero_is_continuous_from_the_right_and_holds_the_end() {
+    fn degree_zero_is_right_continuous_and_includes_the_end() {
         let space = SplineSpace::new(0, &[0.0, 0.5, 1.0]);
         assert_eq!(space.value(&[3.0, 4.0], 0.5, 0), 4.0);
         assert_eq!(space.value(&[3.0, 4.0], 1.0, 0), 4.0);

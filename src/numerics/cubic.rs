@@ -1,16 +1,17 @@
-//! Interpolating cubic splines through given points.
+//! Interpolating cubic splines.
 
 use super::banded::SymmetricBand;
 
-/// What the spline does at its two ends.
+/// End conditions of a spline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ends {
     /// Second derivative zero.
     Natural,
     /// First derivative zero.
     Flat,
-    /// Third derivative that of the cubic through the four outer points; of three points all of it zero (G. E. Forsythe, M. A. Malcolm and
-    /// C. B. Moler, *Computer Methods for Mathematical Computations*, 1977, ch. 4).
+    /// Third derivative equal to that of the cubic through the four outermost points; zero if there are only three
+    /// points (G. E. Forsythe, M. A. Malcolm and C. B. Moler, *Computer Methods for Mathematical Computations*, 1977,
+    /// ch. 4).
     Differenced,
 }
 
@@ -34,7 +35,8 @@ impl CubicSpline {
         let mut matrix = SymmetricBand::new(n, 1);
         let mut moments = vec![0.0; n];
         for (i, pair) in points.windows(2).enumerate() {
-            // Each span adds (h/6) [2 1; 1 2] = (h/6) ((1, 1)ᵀ(1, 1) + I), and its slope on either side.
+            // Each span adds (h/6) [2 1; 1 2] = (h/6) ((1, 1)ᵀ(1, 1) + I) to the matrix, and ± its slope to the
+            // right-hand side.
             let h = pair[1].0 - pair[0].0;
             let slope = (pair[1].1 - pair[0].1) / h;
             matrix.add_outer(i, &[1.0, 1.0], h / 6.0);
@@ -44,10 +46,10 @@ impl CubicSpline {
             moments[i + 1] -= slope;
         }
         if ends == Ends::Natural {
-            // A stiff diagonal holds the end moments at zero.
-            let stiff = 1e12 * (points[n - 1].0 - points[0].0);
+            // A large diagonal entry forces the end moments to zero.
+            let penalty = 1e12 * (points[n - 1].0 - points[0].0);
             for end in [0, n - 1] {
-                matrix.add_outer(end, &[1.0], stiff);
+                matrix.add_outer(end, &[1.0], penalty);
                 moments[end] = 0.0;
             }
         }
@@ -55,7 +57,7 @@ impl CubicSpline {
         Self { points: points.to_vec(), moments }
     }
 
-    /// Value, first and second derivative at `x`; the end cubics go on outside.
+    /// Value, first and second derivative at `x`. The end cubics are extrapolated outside the points.
     pub fn at(&self, x: f64) -> [f64; 3] {
         let i = self.points.partition_point(|p| p.0 <= x).clamp(1, self.points.len() - 1) - 1;
         let ((x0, y0), (x1, y1)) = (self.points[i], self.points[i + 1]);
@@ -76,11 +78,12 @@ impl CubicSpline {
     }
 }
 
-/// Moments with [`Ends::Differenced`]: the outer two are the next ones and a given third derivative, which leaves the inner ones unknown.
+/// Moments for [`Ends::Differenced`]. The prescribed third derivatives express the two outer moments by their
+/// neighbours, so that only the inner moments are unknown.
 fn differenced(points: &[(f64, f64)]) -> Vec<f64> {
     let n = points.len();
     if n == 2 {
-        return vec![0.0; 2]; // a line
+        return vec![0.0; 2]; // a straight line
     }
     let width = |i: usize| points[i + 1].0 - points[i].0;
     let slope = |i: usize| (points[i + 1].1 - points[i].1) / width(i);
@@ -96,7 +99,7 @@ fn differenced(points: &[(f64, f64)]) -> Vec<f64> {
         let (before, after) = (width(k), width(k + 1));
         matrix.add_outer(k, &[1.0], (before + after) / 3.0);
         if k + 1 < inner {
-            // An off-diagonal h/6 without its diagonals.
+            // Adds the off-diagonal entry h/6 alone: the diagonal contributions cancel.
             matrix.add_outer(k, &[1.0, 1.0], after / 6.0);
             matrix.add_outer(k, &[1.0], -after / 6.0);
             matrix.add_outer(k + 1, &[1.0], -after / 6.0);
@@ -117,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cubics_with_the_right_ends_are_reproduced() {
+    fn cubics_with_matching_ends_are_reproduced() {
         let x = [0.0, 0.3, 0.5, 0.8, 1.0];
         // 3x² − 2x³ is flat at 0 and 1.
         let points = x.map(|x| (x, 3.0 * x * x - 2.0 * x * x * x));

@@ -1,32 +1,33 @@
-//! What a function has worked out, kept for the next call with the same arguments.
+//! A small cache of function results, keyed by the arguments.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
-/// The last few results of a function that always gives the same for the same arguments; for all threads.
+/// The latest results of a pure function, shared by all threads.
 pub struct Memo<A, R> {
-    known: Mutex<VecDeque<(A, R)>>,
+    entries: Mutex<VecDeque<(A, R)>>,
 }
 
+/// Number of results kept.
 const CAPACITY: usize = 32;
 
 impl<A: PartialEq, R: Clone> Memo<A, R> {
     pub const fn new() -> Self {
-        Self { known: Mutex::new(VecDeque::new()) }
+        Self { entries: Mutex::new(VecDeque::new()) }
     }
 
-    /// The result for these arguments, worked out if it is not known.
-    pub fn get(&self, arguments: A, work_out: impl FnOnce() -> R) -> R {
-        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, result)) = known().iter().find(|(others, _)| *others == arguments) {
+    /// The result for these arguments: from the cache, or computed by `compute` and stored.
+    pub fn get(&self, arguments: A, compute: impl FnOnce() -> R) -> R {
+        let entries = || self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, result)) = entries().iter().find(|(stored, _)| *stored == arguments) {
             return result.clone();
         }
-        let result = work_out();
-        let mut known = known();
-        if known.len() == CAPACITY {
-            known.pop_front();
+        let result = compute();
+        let mut entries = entries();
+        if entries.len() == CAPACITY {
+            entries.pop_front();
         }
-        known.push_back((arguments, result.clone()));
+        entries.push_back((arguments, result.clone()));
         result
     }
 }
@@ -36,19 +37,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_are_worked_out_once_and_the_oldest_are_forgotten() {
+    fn results_are_computed_once_and_the_oldest_are_evicted() {
         let memo = Memo::new();
-        let mut worked_out = Vec::new();
+        let mut computed = Vec::new();
         let mut square = |x: usize| {
             memo.get(x, || {
-                worked_out.push(x);
+                computed.push(x);
                 x * x
             })
         };
         assert_eq!([3, 3, 4].map(&mut square), [9, 9, 16]);
         (100..100 + CAPACITY - 1).for_each(|x| assert_eq!(square(x), x * x));
         assert_eq!([4, 3].map(&mut square), [16, 9]);
-        assert_eq!(worked_out.iter().filter(|&&x| x == 3).count(), 2);
-        assert_eq!(worked_out.iter().filter(|&&x| x == 4).count(), 1);
+        assert_eq!(computed.iter().filter(|&&x| x == 3).count(), 2);
+        assert_eq!(computed.iter().filter(|&&x| x == 4).count(), 1);
     }
 }

@@ -1,5 +1,5 @@
-//! Numerical building blocks that know no biomechanics: spline spaces, sparse matrices with a fixed
-//! pattern, ranks.
+//! Numerical building blocks, independent of biomechanics: splines, sparse matrices with a fixed pattern, LDLᵀ
+//! factorisation, ranks and singular values.
 
 pub mod banded;
 pub mod bspline;
@@ -10,12 +10,12 @@ pub mod sparse;
 pub mod spectrum;
 pub mod staged;
 
-/// The larger, and NaN if either is.
+/// The larger of two numbers; NaN if either is NaN.
 pub fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// A real number or a dual number over it: functions generic in this give exact directional derivatives.
+/// A real or dual number. Functions generic over it give exact directional derivatives.
 pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}
 
 impl<T: num_dual::DualNum<Primitive = f64> + Copy> Scalar for T {}

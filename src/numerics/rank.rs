@@ -1,24 +1,24 @@
-//! Numerical rank of a dense matrix, two ways: by its singular values, and by QR with column pivoting.
+//! Numerical rank of a dense matrix, by singular value decomposition or by QR with column pivoting.
 
 use faer::{
     Mat,
     linalg::solvers::{ColPivQr, Qr},
 };
 
-/// What the singular values say of a matrix.
+/// Numerical rank of a matrix, with its singular values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rank {
     pub rows: usize,
     pub columns: usize,
     pub rank: usize,
-    /// Singular values at or below this are zero: `max(rows, columns) · ε · σ_max`, MATLAB's `rank`.
+    /// Singular values at or below this count as zero: `max(rows, columns) · ε · σ_max`, as in MATLAB's `rank`.
     pub tolerance: f64,
-    /// All `min(rows, columns)` singular values, not increasing.
+    /// All `min(rows, columns)` singular values, in descending order.
     pub singular_values: Vec<f64>,
 }
 
 impl Rank {
-    /// From all singular values of a matrix, at least one, not increasing.
+    /// The rank from all singular values of a matrix (at least one), in descending order.
     fn new(rows: usize, columns: usize, singular_values: Vec<f64>) -> Self {
         let tolerance = tolerance(rows, columns, singular_values[0]);
         let rank = singular_values.iter().filter(|&&s| s > tolerance).count();
@@ -26,7 +26,7 @@ impl Rank {
     }
 }
 
-/// The default tolerance of MATLAB's `rank`, which the thesis used.
+/// The default tolerance of MATLAB's `rank`, as used in the thesis.
 pub fn tolerance(rows: usize, columns: usize, sigma_max: f64) -> f64 {
     rows.max(columns) as f64 * f64::EPSILON * sigma_max
 }
@@ -34,7 +34,7 @@ pub fn tolerance(rows: usize, columns: usize, sigma_max: f64) -> f64 {
 /// Rank by singular value decomposition.
 ///
 /// # Errors
-/// `None` if the matrix holds a non-finite number or the decomposition does not converge.
+/// `None` if the matrix has a non-finite entry or the decomposition does not converge.
 pub fn by_svd(matrix: &Mat<f64>) -> Option<Rank> {
     let (rows, columns) = (matrix.nrows(), matrix.ncols());
     if rows == 0 || columns == 0 {
@@ -46,13 +46,13 @@ pub fn by_svd(matrix: &Mat<f64>) -> Option<Rank> {
     Some(Rank::new(rows, columns, matrix.singular_values().ok()?))
 }
 
-/// [`by_svd`], and an orthonormal basis of the null space.
+/// As [`by_svd`], with an orthonormal basis of the null space.
 pub fn with_null_space(matrix: &Mat<f64>) -> Option<(Rank, Vec<Vec<f64>>)> {
     let (rows, columns) = (matrix.nrows(), matrix.ncols());
     if rows == 0 || columns == 0 || !matrix.is_all_finite() {
         return by_svd(matrix).map(|rank| (rank, Vec::new()));
     }
-    // M = Q R: R has the singular values and the right singular vectors of M, and no more rows than columns.
+    // M = Q R: R has the same singular values and right singular vectors as M, and no more rows than columns.
     let reduced = Qr::new(matrix.as_ref());
     let mut r = Mat::zeros(columns, columns);
     r.submatrix_mut(0, 0, rows.min(columns), columns).copy_from(reduced.thin_R());
@@ -68,8 +68,8 @@ pub fn with_null_space(matrix: &Mat<f64>) -> Option<(Rank, Vec<Vec<f64>>)> {
     Some((rank, null_space))
 }
 
-/// Rank by QR with column pivoting: several times cheaper than [`by_svd`], and another factorisation.
-/// Counts the diagonal of R above `max(rows, columns) · ε · |R₁₁|`.
+/// Rank by QR with column pivoting: the number of diagonal entries of R above `max(rows, columns) · ε · |R₁₁|`. Several
+/// times cheaper than [`by_svd`], and independent of it. `None` if the matrix has a non-finite entry.
 pub fn by_pivoted_qr(matrix: &Mat<f64>) -> Option<usize> {
     let (rows, columns) = (matrix.nrows(), matrix.ncols());
     if rows == 0 || columns == 0 {
@@ -78,7 +78,7 @@ pub fn by_pivoted_qr(matrix: &Mat<f64>) -> Option<usize> {
     if !matrix.is_all_finite() {
         return None;
     }
-    // A tall matrix is first reduced to its R: pivoting on the smaller one costs less.
+    // Reduce a tall matrix to its R first: pivoting is cheaper on the smaller matrix.
     let tall = (rows > columns).then(|| Qr::new(matrix.as_ref()).thin_R().to_owned());
     let r = ColPivQr::new(tall.as_ref().unwrap_or(matrix).as_ref()).R().to_owned();
     let diagonal: Vec<f64> = (0..rows.min(columns)).map(|i| r[(i, i)].abs()).collect();
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_ways_find_the_rank_of_a_product() {
+    fn both_methods_find_the_rank_of_a_product() {
         for (rows, columns, rank) in [(9, 7, 4), (5, 12, 5), (12, 12, 1)] {
             let left = Mat::from_fn(rows, rank, |i, j| ((3 * i + 5 * j + i * j) as f64).sin());
             let right = Mat::from_fn(rank, columns, |i, j| ((7 * i + 2 * j + i * j) as f64).cos());

@@ -1,8 +1,9 @@
-//! Compressed sparse columns with a pattern that is built once and values that are written many times.
+//! Matrices in compressed sparse column format, with a pattern that is built once and values that are rewritten often.
 
 use std::sync::Arc;
 
-/// A sparse matrix, columns compressed, row indices increasing within a column. Explicit zeros stay. Clones share the pattern.
+/// A sparse matrix in compressed column format. Row indices increase within each column; explicit zeros are kept.
+/// Clones share the pattern.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sparse {
     pub rows: usize,
@@ -13,12 +14,12 @@ pub struct Sparse {
     pub values: Vec<f64>,
 }
 
-/// Collects the positions of a pattern; each can be asked for its slot in `values` afterwards.
+/// Collects the positions of a sparsity pattern, and afterwards gives the slot in `values` of each.
 #[derive(Clone, Debug)]
 pub struct Pattern {
     rows: usize,
     columns: usize,
-    /// (column, row) of what was added; after [`Pattern::build`] in order and once each.
+    /// (column, row) of each position added; sorted and without duplicates after [`Pattern::build`].
     entries: Vec<(u32, u32)>,
     column_start: Vec<usize>,
 }
@@ -28,15 +29,15 @@ impl Pattern {
         Self { rows, columns, entries: Vec::new(), column_start: Vec::new() }
     }
 
-    /// Adds a position; adding it again changes nothing.
+    /// Adds a position. Duplicates are allowed.
     pub fn add(&mut self, row: usize, column: usize) {
         debug_assert!(row < self.rows && column < self.columns);
         self.entries.push((column as u32, row as u32));
     }
 
-    /// The matrix of zeros with this pattern. After this, [`Pattern::slot`] is valid.
+    /// Builds the zero matrix with this pattern. [`Pattern::slot`] may be called from now on.
     pub fn build(&mut self) -> Sparse {
-        // Into their columns, then in order within each.
+        // Sort by column (counting sort), then by row within each column.
         let mut end = vec![0; self.columns + 1];
         self.entries.iter().for_each(|&(column, _)| end[column as usize + 1] += 1);
         (0..self.columns).for_each(|column| end[column + 1] += end[column]);
@@ -50,9 +51,9 @@ impl Pattern {
         self.column_start = vec![0];
         let mut start = 0;
         for column in 0..self.columns {
-            let of_column = &mut rows[start..end[column]];
-            of_column.sort_unstable();
-            for &row in of_column.iter() {
+            let column_rows = &mut rows[start..end[column]];
+            column_rows.sort_unstable();
+            for &row in column_rows.iter() {
                 if self.entries.last() != Some(&(column as u32, row)) {
                     self.entries.push((column as u32, row));
                 }
@@ -69,16 +70,16 @@ impl Pattern {
         }
     }
 
-    /// The index in `values` of an added position.
+    /// The index in `values` of a position in the pattern.
     pub fn slot(&self, row: usize, column: usize) -> usize {
         let (from, to) = (self.column_start[column], self.column_start[column + 1]);
         let place = self.entries[from..to].binary_search_by_key(&(row as u32), |&(_, row)| row);
-        from + place.expect("a position that was added")
+        from + place.expect("the position is in the pattern")
     }
 }
 
 impl Sparse {
-    /// The matrix with these (row, column, value) entries; repeated positions add up.
+    /// The matrix with these (row, column, value) entries; values at the same position are summed.
     pub fn from_triplets(rows: usize, columns: usize, triplets: &[(usize, usize, f64)]) -> Self {
         let mut pattern = Pattern::new(rows, columns);
         triplets.iter().for_each(|&(row, column, _)| pattern.add(row, column));
@@ -89,19 +90,19 @@ impl Sparse {
         matrix
     }
 
-    /// The pattern, for values that are still to come.
+    /// The same pattern with empty `values`.
     pub fn without_values(&self) -> Self {
         let (column_start, row_index) = (self.column_start.clone(), self.row_index.clone());
         Self { column_start, row_index, values: Vec::new(), ..*self }
     }
 
-    /// (row, value) of a column's entries.
+    /// (row, value) of each entry in a column.
     pub fn column(&self, column: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let slots = self.column_start[column]..self.column_start[column + 1];
         self.row_index[slots.clone()].iter().map(|&row| row as usize).zip(self.values[slots].iter().copied())
     }
 
-    /// All (row, column, slot) in storage order.
+    /// (row, column, slot) of each entry, in storage order.
     pub fn entries(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
         (0..self.columns).flat_map(move |column| {
             (self.column_start[column]..self.column_start[column + 1])
@@ -127,13 +128,13 @@ impl Sparse {
         }
     }
 
-    /// `out += scale · S · x` for the symmetric S of which `self` holds the upper triangle.
+    /// `out += scale · S · x` for the symmetric matrix S whose upper triangle is `self`.
     pub fn add_symmetric_product(&self, scale: f64, x: &[f64], out: &mut [f64]) {
         for column in 0..self.columns {
             let slots = self.column_start[column]..self.column_start[column + 1];
             let (mut rows, mut values) = (&self.row_index[slots.clone()], &self.values[slots]);
             let factor = scale * x[column];
-            // The diagonal entry is the last of its column.
+            // The diagonal entry, if present, is the last one in its column.
             if let ([above @ .., last], [others @ .., value]) = (rows, values)
                 && *last as usize == column
             {
@@ -149,7 +150,7 @@ impl Sparse {
         }
     }
 
-    /// `selfᵀ · self`, upper triangle.
+    /// Upper triangle of `selfᵀ · self`.
     pub fn gram(&self) -> Sparse {
         let mut by_row = vec![Vec::new(); self.rows];
         for (row, column, slot) in self.entries() {
@@ -170,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn products_agree_with_the_dense_ones() {
+    fn products_agree_with_dense_products() {
         let a = Sparse::from_triplets(2, 3, &[(0, 0, 1.0), (1, 2, 2.0), (0, 2, 3.0), (0, 0, 0.5)]);
         let mut y = vec![0.0; 2];
         a.add_product(2.0, &[1.0, 5.0, 1.0], &mut y);

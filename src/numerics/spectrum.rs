@@ -1,5 +1,5 @@
-//! Singular values of a sparse matrix whose columns come in stages (time), counted without a dense factorisation: work and
-//! memory linear in the number of stages.
+//! Counts the singular values of a sparse matrix whose rows and columns belong to stages (instants in time), without a
+//! dense decomposition. Work and memory are linear in the number of stages.
 //!
 //! The eigenvalues of the symmetric matrix
 //!
@@ -8,9 +8,10 @@
 //!     ⎣ M  0  ⎦
 //! ```
 //!
-//! are ±σ_i and zeros, so that the number of singular values above s > 0 is the number of positive pivots of its L D Lᵀ with −s on the
-//! diagonal (Sylvester's law; [`StagedLdl`]). Nothing is squared: values down to about 1e-15 of the largest are told apart, as by a dense
-//! decomposition. Inverse iteration on the same factors gives vectors of the null space.
+//! are ±σ_i and zeros. The number of singular values above s > 0 is therefore the number of positive pivots of its LDLᵀ
+//! factorisation with −s on the diagonal (Sylvester's law of inertia; [`StagedLdl`]). Nothing is squared, so singular
+//! values down to about 1e-15 σ_max are resolved, as by a dense decomposition. Inverse iteration with the same factors
+//! gives null vectors.
 
 use faer::{Mat, linalg::solvers::Qr};
 use rand::{RngExt, SeedableRng};
@@ -18,19 +19,21 @@ use rand::{RngExt, SeedableRng};
 use super::sparse::{Pattern, Sparse};
 use super::staged::StagedLdl;
 
-/// One matrix (rows × columns) and its symbolic factorisation.
+/// A matrix M (rows × columns) and the factorisation of its augmented matrix.
 #[derive(Clone, Debug)]
 pub struct StagedSpectrum {
     rows: usize,
     columns: usize,
+    /// The augmented matrix, upper triangle.
     matrix: Sparse,
     /// For each entry of M in storage order, its slot in `matrix`.
     slots: Vec<usize>,
+    /// Slots of the diagonal in `matrix`.
     diagonal: Vec<usize>,
     factors: StagedLdl,
     sigma_max: f64,
-    /// The shift that is factorised, and the count there.
-    counted: Option<(f64, usize)>,
+    /// The shift s of the current factors, and the number of singular values above it.
+    factorised: Option<(f64, usize)>,
 }
 
 impl StagedSpectrum {
@@ -51,18 +54,18 @@ impl StagedSpectrum {
             factors: StagedLdl::new(&matrix, &stages, 0..0, columns..order),
             matrix,
             sigma_max: 0.0,
-            counted: None,
+            factorised: None,
         }
     }
 
-    /// Takes the values of a matrix with the analysed pattern. Rows left at zero do not count.
+    /// Sets the values of M, which must have the analysed pattern. Zero rows do not count.
     pub fn set(&mut self, m: &Sparse) {
         m.values.iter().zip(&self.slots).for_each(|(value, &slot)| self.matrix.values[slot] = *value);
         self.sigma_max = self.largest(m);
-        self.counted = None;
+        self.factorised = None;
     }
 
-    /// σ_max, by Golub and Kahan's bidiagonalisation, to about one per cent or better.
+    /// σ_max by Golub–Kahan bidiagonalisation, accurate to about 1 %.
     pub fn sigma_max(&self) -> f64 {
         self.sigma_max
     }
@@ -70,12 +73,12 @@ impl StagedSpectrum {
     fn largest(&self, m: &Sparse) -> f64 {
         let norm = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
         let scale = |v: &mut [f64], by: f64| v.iter_mut().for_each(|v| *v *= by);
-        // A start with a part along every coordinate.
+        // The start vector has a component along every coordinate.
         let mut x: Vec<f64> = (0..self.columns).map(|i| 1.0 + 0.5 * (i as f64 * 0.7).sin()).collect();
         let mut y = vec![0.0; self.rows];
-        let mut bidiagonal = Mat::zeros(BIDIAGONAL, BIDIAGONAL);
+        let mut bidiagonal = Mat::zeros(BIDIAGONAL_ORDER, BIDIAGONAL_ORDER);
         let mut beta = norm(&x);
-        for k in 0..BIDIAGONAL {
+        for k in 0..BIDIAGONAL_ORDER {
             if beta == 0.0 {
                 break;
             }
@@ -92,7 +95,7 @@ impl StagedSpectrum {
             scale(&mut x, -alpha);
             m.add_transpose_product(1.0, &y, &mut x);
             beta = norm(&x);
-            if k + 1 < BIDIAGONAL {
+            if k + 1 < BIDIAGONAL_ORDER {
                 bidiagonal[(k, k + 1)] = beta;
             }
         }
@@ -102,20 +105,21 @@ impl StagedSpectrum {
 
     /// Number of singular values above `s` > 0. `None` if a value is not finite.
     pub fn count_above(&mut self, s: f64) -> Option<usize> {
-        if let Some((shift, count)) = self.counted
+        if let Some((shift, count)) = self.factorised
             && shift == s
         {
             return Some(count);
         }
-        self.counted = None;
+        self.factorised = None;
         self.diagonal.iter().for_each(|&slot| self.matrix.values[slot] = -s);
         let count = self.factors.factorise(&self.matrix.values)?.positive;
-        self.counted = Some((s, count));
+        self.factorised = Some((s, count));
         Some(count)
     }
 
-    /// The singular value with `index` (0 the largest), which is between `low` and `high`, to a relative `precision`; two counts if it is
-    /// as near to `about`, one where that is well above rounding.
+    /// The singular value number `index` (0 is the largest) to a relative `precision`, by bisection of the bracket
+    /// (`low`, `high`). With an estimate `about` of that precision this takes two counts, or one if the estimate is
+    /// well above rounding error. `None` if a value is not finite.
     pub fn value(
         &mut self,
         index: usize,
@@ -124,11 +128,11 @@ impl StagedSpectrum {
         about: Option<f64>,
     ) -> Option<f64> {
         if let Some(about) = about.filter(|about| low < *about && *about < high) {
-            // It is no larger than `about` but for rounding: down from there in growing steps.
+            // `about` is an upper bound up to rounding: search downwards from it in growing steps.
             let mut step = (1.0 + precision).sqrt();
             let mut middle = (about * step).min(high);
-            let mut is_certain = about > CERTAIN * self.sigma_max;
-            while low < middle && (std::mem::take(&mut is_certain) || self.count_above(middle)? <= index) {
+            let mut is_reliable = about > RELIABLE_RITZ * self.sigma_max;
+            while low < middle && (std::mem::take(&mut is_reliable) || self.count_above(middle)? <= index) {
                 high = middle;
                 middle = about / step;
                 step = step.powi(4);
@@ -142,15 +146,16 @@ impl StagedSpectrum {
         Some((low * high).sqrt())
     }
 
-    /// What is at and just above `cut`, by one factorisation and subspace iteration. `missing`: how many singular values of this side are at or
-    /// below it, `count` of which are wanted. `m` is the matrix last set. `None` if a value is not finite.
+    /// The singular vectors with σ ≤ `cut` and the singular value just above it, by one factorisation and inverse
+    /// subspace iteration. `missing` is the number of singular values of this side at or below `cut`; at most `count`
+    /// of their vectors are returned. `m` is the matrix last set. `None` if a value is not finite.
     pub fn near(&mut self, m: &Sparse, side: Side, cut: f64, missing: usize, count: usize) -> Option<NearCut> {
         let (range, across) = match side {
             Side::Columns => (0..self.columns, self.rows),
             Side::Rows => (self.columns..self.rows + self.columns, self.columns),
         };
-        // If all are wanted, a few more part them from what is just above the cut.
-        let (count, guards) = if count < missing { (count, 0) } else { (missing, GUARDS) };
+        // If all are wanted, guard vectors separate them from the singular vectors just above the cut.
+        let (count, guards) = if count < missing { (count, 0) } else { (missing, GUARD_VECTORS) };
         let width = (count + guards).min(range.len()).min(across);
         if width == 0 {
             return Some(NearCut { below: Vec::new(), above: None });
@@ -179,7 +184,7 @@ impl StagedSpectrum {
                 return None;
             }
             basis = Qr::new(basis.as_ref()).compute_thin_Q();
-            // Rayleigh and Ritz: the singular vectors of M within the subspace.
+            // Rayleigh–Ritz: the singular vectors of M restricted to the subspace.
             let mut image = Mat::zeros(across, width);
             for k in 0..width {
                 let vector: Vec<f64> = (0..range.len()).map(|i| basis[(i, k)]).collect();
@@ -194,8 +199,8 @@ impl StagedSpectrum {
             let values = svd.S().column_vector();
             let above = first.checked_sub(1).map(|k| values[k]);
             let before = std::mem::replace(&mut last, above.unwrap_or(0.0));
-            let has_settled = iteration >= LEAST_ITERATIONS && (before - last).abs() <= SETTLED * last;
-            if has_settled || iteration == MOST_ITERATIONS {
+            let has_converged = iteration >= MIN_ITERATIONS && (before - last).abs() <= CONVERGENCE_TOLERANCE * last;
+            if has_converged || iteration == MAX_ITERATIONS {
                 let vectors = &basis * svd.V();
                 let of = |k: usize| (values[k], (0..range.len()).map(|i| vectors[(i, k)]).collect());
                 return Some(NearCut { below: (first..width).map(of).collect(), above });
@@ -205,32 +210,36 @@ impl StagedSpectrum {
     }
 }
 
-/// Whose singular vectors: the columns' (right) or the rows' (left).
+/// Which singular vectors: those of the columns (right) or of the rows (left).
 #[derive(Clone, Copy, Debug)]
 pub enum Side {
     Columns,
     Rows,
 }
 
-/// What is near a cut.
+/// Singular vectors below a cut, and the singular value above it.
 #[derive(Clone, Debug)]
 pub struct NearCut {
-    /// Orthonormal vectors of the space of the singular vectors with σ ≤ cut, each with its singular value within the subspace, largest first:
-    /// as many as were wanted; the singular vectors themselves if those are all. A value above the cut says that it has not got there.
+    /// Orthonormal vectors in the span of the singular vectors with σ ≤ cut, as many as were requested, each with its
+    /// Ritz value, largest first. If all were requested, they are the singular vectors themselves. A Ritz value above
+    /// the cut means that the iteration has not converged.
     pub below: Vec<(f64, Vec<f64>)>,
-    /// About the smallest singular value above the cut; not if only some of those below were wanted.
+    /// Approximation to the smallest singular value above the cut; `None` if only some of those below were requested.
     pub above: Option<f64>,
 }
 
-/// A Ritz value that is more than this share of σ_max is no smaller than the singular value but for what the precision allows.
-const CERTAIN: f64 = 1e-9;
-/// Order of the bidiagonal matrix of which σ_max is taken.
-const BIDIAGONAL: usize = 20;
-/// Inverse iterations; they end when the value above the cut changes by no more than this share.
-const LEAST_ITERATIONS: usize = 2;
-const MOST_ITERATIONS: usize = 12;
-const SETTLED: f64 = 1e-4;
-const GUARDS: usize = 2;
+/// A Ritz value above this fraction of σ_max bounds its singular value from above to within the precision, so that no
+/// count is needed to confirm it.
+const RELIABLE_RITZ: f64 = 1e-9;
+/// Order of the bidiagonal matrix whose largest singular value approximates σ_max.
+const BIDIAGONAL_ORDER: usize = 20;
+/// Limits on the number of subspace iterations.
+const MIN_ITERATIONS: usize = 2;
+const MAX_ITERATIONS: usize = 12;
+/// Iteration stops when the singular value above the cut changes by no more than this, relative.
+const CONVERGENCE_TOLERANCE: f64 = 1e-4;
+/// Number of additional vectors in the subspace.
+const GUARD_VECTORS: usize = 2;
 
 #[cfg(test)]
 mod tests {
@@ -238,7 +247,7 @@ mod tests {
     use crate::numerics::rank;
 
     #[test]
-    fn counts_values_and_null_vectors_agree_with_the_dense_decomposition() {
+    fn counts_values_and_null_vectors_agree_with_the_dense_svd() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
         for (stages, rows_per, columns_per) in [(6usize, 4usize, 6usize), (6, 7, 5), (1, 5, 5)] {
             let (rows, columns) = (stages * rows_per, stages * columns_per);

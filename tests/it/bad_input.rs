@@ -233,20 +233,20 @@ fn mistakes() -> Vec<Mistake> {
             "time goes back",
             "m.csv",
             &format!("time,shoulder_angle_deg,elbow_angle_deg\n{}", rows.replace("0.75", "0.25")),
-            &["line 4", "does not come after"],
+            &["line 4", "is not later than"],
         ),
         motion("no endheader", "m.mot", "inDegrees=yes\ntime elbow_angle\n0 1\n", &["m.mot:1", "endheader"]),
         motion(
             "a file cut in half",
             "m.mot",
             "nRows=5\ninDegrees=yes\nendheader\ntime elbow_angle shoulder_angle\n0 1 1\n1 1 1\n",
-            &["m.mot:1", "the header says 5 rows, and there are 2", "cut off"],
+            &["m.mot:1", "the header declares 5 rows, but the table has 2", "truncated"],
         ),
         motion(
             "degrees and not",
             "m.mot",
             "inDegrees=no\ninDegrees=yes\nendheader\ntime elbow_angle shoulder_angle\n0 1 1\n",
-            &["m.mot:2", "inDegrees is there twice"],
+            &["m.mot:2", "inDegrees is given twice"],
         ),
         motion(
             "semicolons in a storage file",
@@ -259,7 +259,7 @@ fn mistakes() -> Vec<Mistake> {
             "two columns of time",
             "m.csv",
             "time,time,shoulder_angle_deg,elbow_angle_deg\n0,0,1,2\n",
-            &["m.csv:1", "columns 1 (`time`) and 2 (`time`) are all the time"],
+            &["m.csv:1", "several columns hold the time: 1 (`time`) and 2 (`time`)"],
         ),
         motion(
             "semicolons",
@@ -271,7 +271,7 @@ fn mistakes() -> Vec<Mistake> {
             "decimal commas",
             "m.csv",
             "time,shoulder_angle_deg,elbow_angle_deg\n0,1,5,2\n",
-            &["m.csv:2", "4 fields under 3 columns", "decimals are written with a point"],
+            &["m.csv:2", "4 fields for 3 columns", "write decimals with a point"],
         ),
         motion(
             "quoted decimal commas",
@@ -283,7 +283,7 @@ fn mistakes() -> Vec<Mistake> {
             "positions of markers",
             "m.trc",
             "PathFileType 4 (X/Y/Z) m.trc\n",
-            &["holds positions of markers", "inverse kinematics"],
+            &["holds marker positions", "inverse kinematics"],
         ),
         study(
             "an absolute value far from the model's own",
@@ -448,5 +448,5 @@ fn a_gap_of_a_motion_is_named() {
     let mistake = motion("fine", "m.csv", &table, &[]);
     let folder = folder(&[("study.toml", &mistake.study), ("m.csv", &table)]);
     let said = text(&sinew(&["check", "study.toml"], folder.path()).stdout);
-    assert!(said.contains("nothing is measured between 0.175 and 0.750 s, 23 times the usual step"), "{said}");
+    assert!(said.contains("no measurements between 0.175 and 0.750 s (23 times the median step)"), "{said}");
 }

@@ -1,4 +1,4 @@
-//! The fronts of a pattern, in the order in which they are eliminated.
+//! Symbolic analysis: the fronts of a sparsity pattern, in elimination order.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -6,31 +6,32 @@ use std::ops::Range;
 use super::front::{LANE, Lane};
 use crate::numerics::sparse::Sparse;
 
-/// Work of a front beside that of its pivots, in multiplications.
-const FRONT: usize = 2000;
+/// Fixed overhead of a front, in multiplications.
+const FRONT_OVERHEAD: usize = 2000;
 
-/// A front while the order of elimination is not known yet.
+/// A front before the elimination order is known.
 #[derive(Clone, Debug, Default)]
 struct Draft {
     own: Vec<usize>,
     border: Vec<usize>,
-    /// (row, column, slot in the matrix' values)
+    /// (row, column, slot in the values of the matrix)
     entries: Vec<(usize, usize, usize)>,
 }
 
-/// The patterns of the dense fronts, each after those that it takes in. One after the other in memory, and as small as can be: a factorisation reads
-/// them all.
+/// Patterns of the dense fronts, children before parents. Stored contiguously and compactly, because every
+/// factorisation reads them all.
 #[derive(Clone, Debug, Default)]
 pub struct Fronts {
     heads: Vec<Head>,
     unknowns: Vec<u32>,
     places: Vec<u16>,
-    /// Length of all borders: where the places of the next front begin, which are known only when it is taken in.
+    /// Total length of all borders so far, which is where the places of the next front begin. The places themselves are
+    /// known only when its parent is numbered.
     borders: usize,
     entries: Vec<Entry>,
 }
 
-/// Where a front begins in the lists, and how many are of a kind.
+/// Where the data of a front begin in the lists of [`Fronts`], and the numbers of items of each kind.
 #[derive(Clone, Copy, Debug)]
 struct Head {
     unknowns: u32,
@@ -39,23 +40,25 @@ struct Head {
     entries: u32,
     loose: u32,
     couplings: u32,
-    takes: u32,
+    children: u32,
 }
 
 /// The pattern of a front.
 #[derive(Clone, Copy, Debug)]
 pub struct Pattern<'f> {
-    /// Its own, then the border: later unknowns met so far, those first that are eliminated first.
+    /// Its own unknowns, then its border: later unknowns coupled so far, in elimination order.
     pub unknowns: &'f [u32],
+    /// Number of its own unknowns.
     pub own: usize,
-    /// Of the border in the front that takes this one in, among its unknowns: ascending.
+    /// Positions of the border unknowns among the unknowns of the parent front, ascending.
     pub places: &'f [u16],
-    /// How many fronts it takes in: those last that are not taken in yet.
-    pub takes: usize,
-    /// Row ≤ column.
+    /// Number of child fronts: the latest ones whose contributions are still pending.
+    pub children: usize,
+    /// All entries, with row ≤ column.
     pub entries: &'f [Entry],
-    /// Of the entries: diagonal ones of own unknowns that nothing may couple, and those that couple them.
+    /// Diagonal entries of own unknowns that may be uncoupled.
     pub loose: &'f [Entry],
+    /// Entries that couple those unknowns to others.
     pub couplings: &'f [Entry],
 }
 
@@ -76,7 +79,7 @@ impl Fronts {
             unknowns: &self.unknowns[head.unknowns as usize..unknowns],
             own: head.own as usize,
             places: &self.places[head.places as usize..places],
-            takes: head.takes as usize,
+            children: head.children as usize,
             entries,
             loose,
             couplings: &others[..head.couplings as usize],
@@ -87,7 +90,7 @@ impl Fronts {
         (0..self.len()).map(|f| self.get(f))
     }
 
-    /// Bytes that a factorisation takes if no pivot is delayed: D Lᵀ, and the largest front with what it leaves.
+    /// Bytes that a factorisation needs if no pivot is delayed: D Lᵀ, plus the largest front and its contribution.
     pub fn bytes(&self) -> usize {
         let lanes = |columns: usize| columns.div_ceil(LANE);
         let factors = |front: Pattern<'_>| (0..front.own).map(|i| lanes(front.unknowns.len() - i) + 1).sum::<usize>();
@@ -96,25 +99,25 @@ impl Fronts {
         (self.iter().map(factors).sum::<usize>() + 2 * largest) * size_of::<Lane>()
     }
 
-    /// Adds a front with these entries by kind.
-    fn add(&mut self, own: &[usize], border: &[usize], [loose, couplings, others]: [&[Entry]; 3], takes: usize) {
+    /// Appends a front, with its entries grouped by kind.
+    fn add(&mut self, own: &[usize], border: &[usize], [loose, couplings, others]: [&[Entry]; 3], children: usize) {
         self.heads.push(Head {
-            unknowns: index(self.unknowns.len()),
-            own: index(own.len()),
-            places: index(self.borders),
-            entries: index(self.entries.len()),
-            loose: index(loose.len()),
-            couplings: index(couplings.len()),
-            takes: index(takes),
+            unknowns: to_u32(self.unknowns.len()),
+            own: to_u32(own.len()),
+            places: to_u32(self.borders),
+            entries: to_u32(self.entries.len()),
+            loose: to_u32(loose.len()),
+            couplings: to_u32(couplings.len()),
+            children: to_u32(children),
         });
         self.borders += border.len();
-        self.unknowns.extend(own.iter().chain(border).map(|&i| index(i)));
+        self.unknowns.extend(own.iter().chain(border).map(|&i| to_u32(i)));
         self.entries.extend([loose, couplings, others].into_iter().flatten());
     }
 }
 
-fn index(i: usize) -> u32 {
-    u32::try_from(i).expect("fewer entries")
+fn to_u32(i: usize) -> u32 {
+    u32::try_from(i).expect("fewer than 2³² entries")
 }
 
 impl Pattern<'_> {
@@ -123,7 +126,8 @@ impl Pattern<'_> {
     }
 }
 
-/// An entry of the matrix: the places of its row and column among the unknowns of a front, and its slot in the matrix' values.
+/// An entry of the matrix: the positions of its row and column among the unknowns of a front, and its slot in the
+/// values of the matrix.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     places: [u16; 2],
@@ -132,7 +136,7 @@ pub struct Entry {
 
 impl Entry {
     fn new(row: usize, column: usize, slot: usize) -> Self {
-        Self { places: [narrow(row), narrow(column)], slot: index(slot) }
+        Self { places: [to_u16(row), to_u16(column)], slot: to_u32(slot) }
     }
 
     pub fn places(&self) -> [usize; 2] {
@@ -143,63 +147,66 @@ impl Entry {
         self.slot as usize
     }
 
-    /// Its value in S K S, S being that of the front's unknowns.
+    /// Its value in S K S. `scale`: S of the front's unknowns.
     pub fn value(&self, values: &[f64], scale: &[f64]) -> f64 {
-        let [of_row, of_column] = self.places().map(|place| scale[place]);
-        values[self.slot()] * of_row * of_column
+        let [row_scale, column_scale] = self.places().map(|place| scale[place]);
+        values[self.slot()] * row_scale * column_scale
     }
 }
 
-fn narrow(place: usize) -> u16 {
-    u16::try_from(place).expect("a dense front of no more unknowns than that")
+fn to_u16(place: usize) -> u16 {
+    u16::try_from(place).expect("fewer than 2¹⁶ unknowns in a front")
 }
 
-/// The fronts of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0.
-/// `equations` are unknowns with nothing on the diagonal, which are no pivots by themselves, `loose` ones that nothing may couple.
+/// The fronts of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0. `equations` are
+/// unknowns with a zero or negligible diagonal entry, which cannot be pivots on their own; `loose` ones may be
+/// uncoupled.
 pub fn fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Fronts {
     let order = matrix.columns;
     let count = stage.iter().max().map_or(0, |last| last + 1);
-    // From the last back: what a state follows from comes with it, so that it need not be delayed.
+    // Eliminate from the last stage to the first: the equations that determine a state are then in the same front, and
+    // the pivot need not be delayed.
     let stage: Vec<usize> = stage.iter().map(|s| count - 1 - s).collect();
-    // The first stage that meets each unknown is that of its earliest neighbour. Unknowns with few neighbours come first: they fill
-    // in least.
-    let mut met = stage.clone();
+    // An unknown enters the fronts at the stage of its earliest neighbour. Within a stage, unknowns of low degree are
+    // eliminated first, as they cause the least fill-in.
+    let mut entry_stage = stage.clone();
     let mut degree = vec![0; order];
     let mut by_stage = vec![Vec::new(); count];
     for (row, column, slot) in matrix.entries() {
         let earliest = stage[row].min(stage[column]);
         by_stage[earliest].push((row, column, slot));
         for i in [row, column] {
-            met[i] = met[i].min(earliest);
+            entry_stage[i] = entry_stage[i].min(earliest);
             degree[i] += 1;
         }
     }
     let mut stages = vec![Draft::default(); count];
     for i in 0..order {
         stages[stage[i]].own.push(i);
-        stages[met[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
+        stages[entry_stage[i]..stage[i]].iter_mut().for_each(|s| s.border.push(i));
     }
-    let mut analysis = Analysis { degree, met, equations, group: vec![None; order], best: HashMap::new() };
-    let parted: Vec<Vec<Draft>> = stages
+    let mut analysis =
+        Analysis { degree, entry_stage, equations, group: vec![None; order], best_limit: HashMap::new() };
+    let stages: Vec<Vec<Draft>> = stages
         .into_iter()
         .zip(by_stage)
         .enumerate()
         .map(|(s, (mut stage, entries))| {
             stage.own.sort_by_key(|&i| analysis.degree[i]);
-            analysis.part(s, &Draft { entries, ..stage })
+            analysis.split_stage(s, &Draft { entries, ..stage })
         })
         .collect();
-    numbered(parted, order, loose)
+    number_unknowns(stages, order, loose)
 }
 
-/// From unknowns to places in the fronts, now that the order of elimination is known.
-fn numbered(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -> Fronts {
+/// Converts unknowns to positions in the fronts, once the elimination order is known.
+fn number_unknowns(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -> Fronts {
     let (mut rank, mut place) = (vec![0; order], vec![0; order]);
     let own = stages.iter().flatten().flat_map(|front| &front.own);
     own.enumerate().for_each(|(when, &i)| rank[i] = when);
     let mut fronts = Fronts::default();
-    // Of the fronts that are not taken in yet.
-    let mut waiting: Vec<Vec<usize>> = Vec::new();
+    // Borders of the fronts not yet assigned to a parent.
+    let mut pending: Vec<Vec<usize>> = Vec::new();
     for stage in stages {
         let count = stage.len();
         for (f, Draft { own, mut border, entries }) in stage.into_iter().enumerate() {
@@ -218,53 +225,57 @@ fn numbered(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -> Front
                 };
                 kinds[kind].push(Entry::new(row, column, slot));
             }
-            // The last one takes in the others.
-            let taken = if f + 1 == count { std::mem::take(&mut waiting) } else { Vec::new() };
-            fronts.places.extend(taken.iter().flatten().map(|&i| narrow(place[i])));
-            fronts.add(&own, &border, kinds.each_ref().map(Vec::as_slice), taken.len());
-            waiting.push(border);
+            // The last front of a stage is the parent of all pending ones.
+            let child_borders = if f + 1 == count { std::mem::take(&mut pending) } else { Vec::new() };
+            fronts.places.extend(child_borders.iter().flatten().map(|&i| to_u16(place[i])));
+            fronts.add(&own, &border, kinds.each_ref().map(Vec::as_slice), child_borders.len());
+            pending.push(border);
         }
     }
     fronts
 }
 
-/// What is known of each unknown.
+/// Working data of the symbolic analysis, by unknown.
 struct Analysis {
     degree: Vec<usize>,
-    /// The first stage that meets it.
-    met: Vec<usize>,
+    /// The stage at which it enters the fronts.
+    entry_stage: Vec<usize>,
     equations: Range<usize>,
-    /// Its group, if it belongs to one, while its stage is looked at.
+    /// Its group, if any, while its stage is being split.
     group: Vec<Option<usize>>,
-    /// How few neighbours were best (none: a stage in one) in stages of so many own unknowns, border unknowns and entries with these degrees.
-    best: HashMap<(usize, usize, usize, Vec<usize>), Option<usize>>,
+    /// The cheapest degree limit (`None`: do not split the stage) by the stage's number of own unknowns, border
+    /// unknowns and entries, and its candidate limits.
+    best_limit: HashMap<(usize, usize, usize, Vec<usize>), Option<usize>>,
 }
 
 impl Analysis {
-    /// Parts a stage into fronts of groups and, last, that of the rest: unknowns that no earlier stage has met and that have few
-    /// neighbours, in groups that nothing couples to one another. How few is chosen by the work that is left, once for all stages alike.
-    fn part(&mut self, s: usize, stage: &Draft) -> Vec<Draft> {
-        let mut limits: Vec<usize> = stage.own.iter().filter(|&&i| self.met[i] == s).map(|&i| self.degree[i]).collect();
+    /// Splits stage `s` into one front per group and, last, a front of the remaining unknowns. The groups are the
+    /// connected components of the unknowns that enter at this stage and have at most a certain degree. The limit with
+    /// the least elimination work is chosen, once for all stages of the same kind.
+    fn split_stage(&mut self, s: usize, stage: &Draft) -> Vec<Draft> {
+        let mut limits: Vec<usize> =
+            stage.own.iter().filter(|&&i| self.entry_stage[i] == s).map(|&i| self.degree[i]).collect();
         limits.dedup();
         let kind = (stage.own.len(), stage.border.len(), stage.entries.len(), limits);
-        if let Some(&limit) = self.best.get(&kind) {
-            return limit.map_or_else(|| vec![stage.clone()], |limit| self.parted(s, stage, limit));
+        if let Some(&limit) = self.best_limit.get(&kind) {
+            return limit.map_or_else(|| vec![stage.clone()], |limit| self.split(s, stage, limit));
         }
         let (mut least, mut chosen) = (work(stage.own.len(), stage.border.len()), None);
         for &limit in &kind.3 {
             let groups = self.groups(s, stage, limit);
-            let all = self.work(stage, groups);
+            let all = self.split_work(stage, groups);
             if all < least {
                 (least, chosen) = (all, Some(limit));
             }
         }
-        self.best.insert(kind, chosen);
-        chosen.map_or_else(|| vec![stage.clone()], |limit| self.parted(s, stage, limit))
+        self.best_limit.insert(kind, chosen);
+        chosen.map_or_else(|| vec![stage.clone()], |limit| self.split(s, stage, limit))
     }
 
-    /// Numbers the connected groups of the unknowns with few neighbours, as they come; those without a pivot are none. Returns how many.
-    fn groups(&mut self, s: usize, stage: &Draft, few: usize) -> usize {
-        // Each points to one of its group that comes no later.
+    /// Numbers the connected components of the unknowns that enter at stage `s` and have degree ≤ `max_degree`, in
+    /// order of first appearance. Components without a possible pivot are not groups. Returns the number of groups.
+    fn groups(&mut self, s: usize, stage: &Draft, max_degree: usize) -> usize {
+        // Union–find: each position points to one in its component that is not later.
         let mut first: Vec<usize> = (0..stage.own.len()).collect();
         fn root(first: &mut [usize], mut at: usize) -> usize {
             while first[at] != at {
@@ -274,7 +285,7 @@ impl Analysis {
             at
         }
         for (at, &i) in stage.own.iter().enumerate() {
-            self.group[i] = (self.met[i] == s && self.degree[i] <= few).then_some(at);
+            self.group[i] = (self.entry_stage[i] == s && self.degree[i] <= max_degree).then_some(at);
         }
         for &(i, j, _) in &stage.entries {
             if let (Some(a), Some(b)) = (self.group[i], self.group[j])
@@ -302,19 +313,19 @@ impl Analysis {
         count
     }
 
-    /// Work of the fronts of a stage parted into the groups that are set.
-    fn work(&self, stage: &Draft, groups: usize) -> usize {
+    /// Work of eliminating a stage split into the current groups.
+    fn split_work(&self, stage: &Draft, groups: usize) -> usize {
         let (mut own, mut border) = (vec![0; groups + 1], vec![0; groups + 1]);
         stage.own.iter().for_each(|&i| own[self.group[i].unwrap_or(groups)] += 1);
-        let mut met: Vec<(usize, usize)> = self.borders(stage).collect();
-        met.sort_unstable();
-        met.dedup();
-        met.iter().for_each(|&(group, _)| border[group] += 1);
+        let mut couplings: Vec<(usize, usize)> = self.borders(stage).collect();
+        couplings.sort_unstable();
+        couplings.dedup();
+        couplings.iter().for_each(|&(group, _)| border[group] += 1);
         border[groups] = stage.border.len();
         own.iter().zip(&border).map(|(&own, &border)| work(own, border)).sum()
     }
 
-    /// (group, unknown that it meets outside), as often as it does.
+    /// (group, unknown outside it that couples to it), once per coupling entry.
     fn borders<'a>(&'a self, stage: &'a Draft) -> impl Iterator<Item = (usize, usize)> + 'a {
         stage.entries.iter().filter_map(|&(i, j, _)| match (self.group[i], self.group[j]) {
             (Some(group), None) => Some((group, j)),
@@ -323,9 +334,9 @@ impl Analysis {
         })
     }
 
-    /// The fronts of a stage: the groups, and the rest.
-    fn parted(&mut self, s: usize, stage: &Draft, few: usize) -> Vec<Draft> {
-        let count = self.groups(s, stage, few);
+    /// The fronts of a stage: one per group, then the one of the remaining unknowns.
+    fn split(&mut self, s: usize, stage: &Draft, max_degree: usize) -> Vec<Draft> {
+        let count = self.groups(s, stage, max_degree);
         let mut fronts = vec![Draft::default(); count + 1];
         for &i in &stage.own {
             fronts[self.group[i].unwrap_or(count)].own.push(i);
@@ -344,7 +355,7 @@ impl Analysis {
     }
 }
 
-/// Multiplications of the elimination of a front.
+/// Number of multiplications to eliminate a front, with its overhead.
 fn work(own: usize, border: usize) -> usize {
-    FRONT + ((own + border).pow(3) - border.pow(3)) / 3
+    FRONT_OVERHEAD + ((own + border).pow(3) - border.pow(3)) / 3
 }

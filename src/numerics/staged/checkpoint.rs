@@ -1,35 +1,39 @@
-//! Where an elimination can go on if it differs from the last one only in later fronts: of an active set that changes in few rows much stays as it is.
+//! States from which a factorisation can resume if only later fronts have changed since the previous one. An active-set
+//! change in a few rows leaves most fronts as they were.
 
 use super::analysis::{Fronts, Pattern};
 use super::front::LANE;
-use super::{Factors, Rest, Work, ZERO};
+use super::{Contribution, Factors, Work, ZERO};
 
-/// There are so many times as many numbers of the factors as of the checkpoints.
-const SPARSE: usize = 32;
+/// A checkpoint is stored once the factors have grown by this many times its size since the previous one.
+const FACTORS_PER_CHECKPOINT: usize = 32;
 
 #[derive(Clone, Debug, Default)]
 pub struct Checkpoints {
-    /// The entries of S K S of the fronts that have been eliminated, front by front.
+    /// Entries of S K S in the fronts eliminated so far, front by front.
     pub entries: Vec<f64>,
-    /// The first `count` are of this elimination.
+    /// The first `count` are valid; the others are memory to reuse.
     all: Vec<Checkpoint>,
     count: usize,
 }
 
-/// The elimination as it stood when only one front waited to be taken in.
+/// State of the elimination at a moment when only one contribution was pending.
 #[derive(Clone, Debug, Default)]
 struct Checkpoint {
-    /// How many fronts had been eliminated, and what was left of the last.
+    /// Number of fronts eliminated.
     fronts: usize,
-    rest: Rest,
+    /// The contribution of the last of them.
+    contribution: Contribution,
+    /// Length of [`Checkpoints::entries`].
     entries: usize,
-    /// Of the factors: fronts that have pivots, unknowns that nothing couples, and lanes.
+    /// Numbers of fronts with pivots, of uncoupled unknowns, and of lanes in the factors.
     kept: [usize; 2],
     lanes: usize,
 }
 
 impl Checkpoints {
-    /// Takes the elimination back to where nothing has changed before. Returns how many fronts need not be eliminated again.
+    /// Rewinds the elimination to the last checkpoint before the first change. Returns the number of fronts that can be
+    /// reused.
     pub fn resume(
         &mut self,
         fronts: &Fronts,
@@ -43,44 +47,44 @@ impl Checkpoints {
         let Some(last) = self.count.checked_sub(1).map(|last| &self.all[last]) else {
             self.entries.clear();
             factors.truncate(0, 0);
-            work.waiting = 0;
+            work.pending = 0;
             return 0;
         };
         self.entries.truncate(last.entries);
         factors.truncate(last.kept[0], last.kept[1]);
-        work.rests[0].copy_from(&last.rest);
-        work.waiting = 1;
+        work.contributions[0].copy_from(&last.contribution);
+        work.pending = 1;
         last.fronts
     }
 
-    /// How many of the fronts have the entries that they had.
-    fn count_same(&self, fronts: &Fronts, (values, scale): (&[f64], &[f64]), of_front: &mut Vec<f64>) -> usize {
+    /// Number of leading fronts whose entries have not changed.
+    fn count_same(&self, fronts: &Fronts, (values, scale): (&[f64], &[f64]), front_scale: &mut Vec<f64>) -> usize {
         let mut before = self.entries.as_slice();
         let is_same = |pattern: &Pattern<'_>| {
-            let Some((of_this, later)) = before.split_at_checked(pattern.entries.len()) else { return false };
+            let Some((old_entries, later)) = before.split_at_checked(pattern.entries.len()) else { return false };
             before = later;
-            of_front.clear();
-            of_front.extend(pattern.unknowns.iter().map(|&i| scale[i as usize]));
-            pattern.entries.iter().zip(of_this).all(|(entry, value)| entry.value(values, of_front) == *value)
+            front_scale.clear();
+            front_scale.extend(pattern.unknowns.iter().map(|&i| scale[i as usize]));
+            pattern.entries.iter().zip(old_entries).all(|(entry, value)| entry.value(values, front_scale) == *value)
         };
         fronts.iter().take_while(is_same).count()
     }
 
-    /// Keeps what is left after so many fronts, if it is time to.
-    pub fn pass(&mut self, fronts: usize, factors: &Factors, waiting: &[Rest]) {
-        let [rest] = waiting else { return };
+    /// Stores a checkpoint after `fronts` fronts if only one contribution is pending and the factors have grown enough.
+    pub fn record(&mut self, fronts: usize, factors: &Factors, pending: &[Contribution]) {
+        let [contribution] = pending else { return };
         let lanes = factors.rows.len();
         let since = self.count.checked_sub(1).map_or(0, |last| self.all[last].lanes);
-        if lanes - since < SPARSE * (rest.border.len() + rest.rows.len() / LANE) {
+        if lanes - since < FACTORS_PER_CHECKPOINT * (contribution.border.len() + contribution.rows.len() / LANE) {
             return;
         }
         if self.all.len() == self.count {
             self.all.push(Checkpoint::default());
         }
         let checkpoint = &mut self.all[self.count];
-        checkpoint.rest.copy_from(rest);
+        checkpoint.contribution.copy_from(contribution);
         (checkpoint.fronts, checkpoint.entries, checkpoint.lanes) = (fronts, self.entries.len(), lanes);
-        checkpoint.kept = [factors.fronts.len(), factors.alone.len()];
+        checkpoint.kept = [factors.fronts.len(), factors.uncoupled.len()];
         self.count += 1;
     }
 }

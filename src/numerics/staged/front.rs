@@ -1,33 +1,34 @@
-//! Partial L D Lᵀ of one dense front.
+//! Partial L D Lᵀ factorisation of one dense front.
 //!
 //! ```text
-//!          may be pivots   border
-//!        ⎡               │         ⎤  panel: rows of the unknowns that may be pivots, all columns, always up to date
+//!          fully summed    border
+//!        ⎡               │         ⎤  panel: rows of the fully summed unknowns, all columns, updated after each pivot
 //!   F =  ⎢───────────────┼─────────⎥
-//!        ⎣               │    C    ⎦  border: its upper half, brought up to date once, when the pivots are known
+//!        ⎣               │    C    ⎦  border: its upper triangle, updated once, after the last pivot
 //! ```
 //!
-//! Rows are stored in whole lanes, the border's columns from a lane of their own, what is left over being zero: no loop has a remainder.
-//! Compiled for each width of vector registers; without fused multiply–add, so that the numbers are the same on all.
+//! Rows are stored in whole lanes, padded with zeros, and the border's columns start in a lane of their own, so that no
+//! loop has a remainder. The code is compiled for each vector register width, without fused multiply–add, so that the
+//! results are the same on all of them.
 
 use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut};
 use pulp::{Arch, Simd, WithSimd};
 
-/// A pivot must be at least this fraction of its column.
-const THRESHOLD: f64 = 1e-4;
+/// A pivot must be at least this fraction of the largest entry in its column.
+const PIVOT_THRESHOLD: f64 = 1e-4;
 pub const LANE: usize = 8;
 
-/// Columns that are worked on together: the widest register, and a line of the fastest memory.
+/// Columns processed together: the widest vector register, and one cache line.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct Lane(pub [f64; LANE]);
 
-/// Number of lanes for so many columns.
+/// Number of lanes that hold `columns` columns.
 pub fn lanes(columns: usize) -> usize {
     columns.div_ceil(LANE)
 }
 
-/// The numbers in lanes.
+/// The lanes as a slice of numbers.
 pub fn flat(lanes: &[Lane]) -> &[f64] {
     cast_slice(lanes)
 }
@@ -36,15 +37,16 @@ pub fn flat_mut(lanes: &mut [Lane]) -> &mut [f64] {
     cast_slice_mut(lanes)
 }
 
-/// A pivot of order 1 or 2: its first row in the front, and the inverse of its block: (1,1), (1,2), (2,2).
+/// A pivot of order 1 or 2: its first row in the front, and entries (1,1), (1,2), (2,2) of the inverse of its block.
 #[derive(Clone, Copy, Debug)]
 pub struct Pivot {
     pub row: usize,
+    /// Whether its order is 2.
     pub two: bool,
     pub inverse: [f64; 3],
 }
 
-/// The rows of a front of which pivots are made, `width` lanes each.
+/// The rows of the fully summed unknowns of a front, `width` lanes each.
 pub struct Panel<'f> {
     pub values: &'f mut [Lane],
     pub width: usize,
@@ -68,18 +70,19 @@ impl Panel<'_> {
         &mut flat_mut(&mut self.values[i * self.width..][..self.width])[j]
     }
 
-    /// Largest entry of row `c` right of column k but those of columns `c` and `but`. Left of k all are zero.
+    /// Largest magnitude in row `c` from column `k` on, excluding columns `c` and `excluded`. All entries left of `k`
+    /// are zero.
     #[inline(always)]
-    fn largest<S: Simd>(&mut self, simd: S, k: usize, c: usize, but: usize) -> f64 {
-        let kept = [c, but].map(|j| std::mem::replace(self.entry(c, j), 0.0));
+    fn largest<S: Simd>(&mut self, simd: S, k: usize, c: usize, excluded: usize) -> f64 {
+        let kept = [c, excluded].map(|j| std::mem::replace(self.entry(c, j), 0.0));
         let size = largest_of(simd, &self.row(c)[k / LANE..]);
-        // In reverse: the two may be one.
-        *self.entry(c, but) = kept[1];
+        // In reverse order, since the two columns may be the same.
+        *self.entry(c, excluded) = kept[1];
         *self.entry(c, c) = kept[0];
         size
     }
 
-    /// The row but `c` that may still be a pivot where row `c` is largest.
+    /// The candidate row other than `c` whose entry in row `c` has the largest magnitude.
     #[inline(always)]
     fn partner<S: Simd>(&mut self, simd: S, k: usize, c: usize) -> Option<usize> {
         let (first, rows) = (k / LANE, self.unknowns.len());
@@ -92,14 +95,14 @@ impl Panel<'_> {
         found
     }
 
-    /// The next acceptable pivot among rows k …, `from` on and around: one row, or two.
+    /// The next acceptable pivot among rows k, k + 1, …: one row, or two. The search starts at `from` and wraps around.
     #[inline(always)]
     fn find_pivot<S: Simd>(&mut self, simd: S, k: usize, from: usize) -> Option<(usize, Option<usize>)> {
         let rows = self.unknowns.len();
         let from = if from < rows { from.max(k) } else { k };
         for c in (from..rows).chain(k..from) {
             let a = self.at(c, c);
-            if a != 0.0 && a.abs() >= THRESHOLD * self.largest(simd, k, c, c) {
+            if a != 0.0 && a.abs() >= PIVOT_THRESHOLD * self.largest(simd, k, c, c) {
                 return Some((c, None));
             }
             let Some(r) = self.partner(simd, k, c) else { continue };
@@ -107,14 +110,14 @@ impl Panel<'_> {
             let (b, d) = (self.at(c, r), self.at(r, r));
             let determinant = (a * d - b * b).abs();
             let growth = (d.abs() * rest_c + b.abs() * rest_r).max(b.abs() * rest_c + a.abs() * rest_r);
-            if determinant > 0.0 && growth * THRESHOLD <= determinant {
+            if determinant > 0.0 && growth * PIVOT_THRESHOLD <= determinant {
                 return Some((c, Some(r)));
             }
         }
         None
     }
 
-    /// Exchanges rows and columns i and j ≥ i.
+    /// Swaps rows and columns i and j ≥ i.
     #[inline(always)]
     fn swap(&mut self, i: usize, j: usize) {
         if i == j {
@@ -128,11 +131,11 @@ impl Panel<'_> {
         }
     }
 
-    /// Makes row k a pivot: the rows below lose their part along it.
+    /// Eliminates row k as a pivot of order 1 from the rows below it.
     #[inline(always)]
     fn eliminate_one<S: Simd>(&mut self, simd: S, k: usize) -> Pivot {
         let pivot = self.at(k, k);
-        // A zero pivot in a zero column: the unknown is left at zero.
+        // A zero pivot occurs only in a zero column. The zero inverse sets the unknown to zero.
         let inverse = if pivot == 0.0 { 0.0 } else { 1.0 / pivot };
         let (above, below) = self.values.split_at_mut((k + 1) * self.width);
         let pivot_row = &above[k * self.width..];
@@ -145,7 +148,7 @@ impl Panel<'_> {
         Pivot { row: k, two: false, inverse: [inverse, 0.0, 0.0] }
     }
 
-    /// The same of rows k and k + 1.
+    /// Eliminates rows k and k + 1 as a pivot of order 2 from the rows below them.
     #[inline(always)]
     fn eliminate_two<S: Simd>(&mut self, simd: S, k: usize) -> Pivot {
         let (a, b, d) = (self.at(k, k), self.at(k, k + 1), self.at(k + 1, k + 1));
@@ -192,8 +195,8 @@ fn largest_of<S: Simd>(simd: S, values: &[Lane]) -> f64 {
     simd.reduce_max_f64s(values.iter().fold(simd.splat_f64s(0.0), |a, v| simd.max_f64s(a, simd.abs_f64s(*v))))
 }
 
-/// Σ aᵢ bᵢ, in as many sums as a lane has columns: the same for each width of vector registers. From the last lane back: of `b` it is the first
-/// that the caller has just written.
+/// Σ aᵢ bᵢ. Uses one partial sum per lane column, so that the result does not depend on the vector register width. Runs
+/// from the last lane to the first, because the caller has just written the first lane of `b`.
 #[inline(always)]
 fn dot<S: Simd>(simd: S, a: &[Lane], b: &[Lane]) -> f64 {
     let mut sums = Lane::default();
@@ -207,7 +210,8 @@ fn dot<S: Simd>(simd: S, a: &[Lane], b: &[Lane]) -> f64 {
     ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
-/// Makes pivots of as many rows as are acceptable, of the last front all; they come first then. Returns their number.
+/// Eliminates all rows with an acceptable pivot and moves them to the front of the panel; in the last front, eliminates
+/// every row. Returns the number of rows eliminated.
 pub fn eliminate(panel: &mut Panel<'_>, is_last: bool, pivots: &mut Vec<Pivot>) -> usize {
     struct Eliminate<'a, 'f>(&'a mut Panel<'f>, bool, &'a mut Vec<Pivot>);
     impl WithSimd for Eliminate<'_, '_> {
@@ -217,13 +221,13 @@ pub fn eliminate(panel: &mut Panel<'_>, is_last: bool, pivots: &mut Vec<Pivot>) 
         fn with_simd<S: Simd>(self, simd: S) -> usize {
             let Self(panel, is_last, pivots) = self;
             let rows = panel.unknowns.len();
-            // The search goes on where it last ended: rows refused there are looked at again after all others.
+            // The search continues where it last ended: rejected rows are tried again after all the others.
             let (mut k, mut from) = (0, 0);
             while k < rows {
                 let (c, partner) = match panel.find_pivot(simd, k, from) {
                     Some(pivot) => pivot,
                     None if !is_last => break,
-                    // Nothing is left to delay to: the largest diagonal entry, however small.
+                    // There is no parent to delay to: take the largest diagonal entry, however small.
                     None => {
                         let size = |i: usize| panel.at(i, i).abs();
                         ((k..rows).max_by(|&a, &b| size(a).total_cmp(&size(b))).unwrap_or(k), None)
@@ -249,17 +253,17 @@ pub fn eliminate(panel: &mut Panel<'_>, is_last: bool, pivots: &mut Vec<Pivot>) 
     Arch::new().dispatch(Eliminate(panel, is_last, pivots))
 }
 
-/// C −= Uᵀ D⁻¹ U, where U are the pivot rows of the panel right of column lane `first`. C has a lane of columns for each of U and as many
-/// rows as columns; what is below its diagonal lanes is left alone. `scaled` is work space for D⁻¹ U.
-pub fn complete(border: &mut [Lane], panel: &Panel<'_>, first: usize, pivots: &[Pivot], scaled: &mut Vec<Lane>) {
-    struct Complete<'a> {
+/// C −= Uᵀ D⁻¹ U, where U holds the pivot rows of the panel from column lane `first` on. C is square, with as many
+/// lanes of columns as U; entries left of its diagonal lanes are not updated. `scaled` is workspace for D⁻¹ U.
+pub fn update_border(border: &mut [Lane], panel: &Panel<'_>, first: usize, pivots: &[Pivot], scaled: &mut Vec<Lane>) {
+    struct UpdateBorder<'a> {
         border: &'a mut [Lane],
         rows: &'a [Lane],
         width: usize,
         first: usize,
         scaled: &'a [Lane],
     }
-    impl WithSimd for Complete<'_> {
+    impl WithSimd for UpdateBorder<'_> {
         type Output = ();
 
         #[inline(always)]
@@ -306,11 +310,11 @@ pub fn complete(border: &mut [Lane], panel: &Panel<'_>, first: usize, pivots: &[
         }
     }
     let (rows, width) = (&panel.values[..pivots.last().map_or(0, Pivot::end) * panel.width], panel.width);
-    Arch::new().dispatch(Complete { border, rows, width, first, scaled });
+    Arch::new().dispatch(UpdateBorder { border, rows, width, first, scaled });
 }
 
 impl Pivot {
-    /// How many of its eigenvalues are positive, and negative. `None` if it is not finite.
+    /// Numbers of its positive and negative eigenvalues. `None` if it is not finite.
     pub fn signs(&self) -> Option<(usize, usize)> {
         let [p, q, r] = self.inverse;
         let determinant = p * r - q * q;
@@ -323,13 +327,13 @@ impl Pivot {
         }
     }
 
-    /// The row after it.
+    /// The first row after it.
     pub fn end(&self) -> usize {
         self.row + 1 + usize::from(self.two)
     }
 }
 
-/// L⁻¹ of a front in place, `rows` being what [`Factors`](super::Factors) keep of it.
+/// Forward substitution: applies L⁻¹ of a front to `x` in place. `rows` is its part of [`Factors`](super::Factors).
 pub fn forward(pivots: &[Pivot], rows: &[Lane], x: &mut [Lane]) {
     struct Forward<'a>(&'a [Pivot], &'a [Lane], &'a mut [Lane]);
     impl WithSimd for Forward<'_> {
@@ -358,7 +362,7 @@ pub fn forward(pivots: &[Pivot], rows: &[Lane], x: &mut [Lane]) {
     Arch::new().dispatch(Forward(pivots, rows, x));
 }
 
-/// L⁻ᵀ D⁻¹ of a front in place.
+/// Backward substitution: applies L⁻ᵀ D⁻¹ of a front to `x` in place. `rows` as in [`forward`].
 pub fn backward(pivots: &[Pivot], rows: &[Lane], x: &mut [Lane]) {
     struct Backward<'a>(&'a [Pivot], &'a [Lane], &'a mut [Lane]);
     impl WithSimd for Backward<'_> {

@@ -1,22 +1,23 @@
-//! L D Lᵀ of a sparse symmetric indefinite matrix whose unknowns come in stages (time), each coupled only to
-//! near stages. Work and memory are linear in the number of stages.
+//! Multifrontal L D Lᵀ factorisation of a sparse symmetric indefinite matrix whose unknowns belong to stages (instants
+//! in time) that couple only to nearby stages. Work and memory are linear in the number of stages.
 //!
-//! Dense fronts in a tree: a chain along the stages, and in each stage small ones for the groups of unknowns (a muscle's)
-//! that meet only through the others of their stage:
+//! The dense fronts form a tree: a chain along the stages and, within each stage, small fronts for groups of unknowns
+//! (such as those of one muscle) that couple to one another only through the remaining unknowns of the stage:
 //!
 //! ```text
-//!            delayed    own     border: later unknowns met so far
+//!            delayed    own     border: later unknowns coupled so far
 //!          ⎡    ·         ·         ·   ⎤
-//!   F  =   ⎢    ·         ·         ·   ⎥   pivots only from the first two groups
+//!   F  =   ⎢    ·         ·         ·   ⎥   pivots come only from the first two groups
 //!          ⎣    ·         ·         ·   ⎦
 //! ```
 //!
-//! Pivots of order 1 and 2 must pass a threshold test against their whole columns; those that do not are
-//! delayed to the next front. That keeps the factors bounded without regularisation (Duff and Reid, *The
-//! multifrontal solution of indefinite sparse symmetric linear equations*, ACM TOMS 9, 1983). By Sylvester's law
-//! the signs of the pivots are the signs of the eigenvalues.
+//! Pivots of order 1 and 2 must pass a threshold test against their whole columns; unknowns without an acceptable pivot
+//! are delayed to the parent front. This keeps the factors bounded without regularisation (Duff and Reid, *The
+//! multifrontal solution of indefinite sparse symmetric linear equations*, ACM TOMS 9, 1983). By Sylvester's law of
+//! inertia, the signs of the pivots are the signs of the eigenvalues.
 //!
-//! A matrix that differs from the last one only from some front on is eliminated only from there on ([`checkpoint`]): the numbers are the same.
+//! If the leading fronts have the same entries as in the previous factorisation, they are reused and only the rest is
+//! refactorised ([`checkpoint`]); the result is bitwise the same.
 
 mod analysis;
 mod checkpoint;
@@ -32,32 +33,34 @@ use super::memo::Memo;
 use super::sparse::Sparse;
 use crate::deadline::Deadline;
 
-const EQUILIBRATIONS: usize = 2;
+const EQUILIBRATION_PASSES: usize = 2;
 const ZERO: Lane = Lane([0.0; LANE]);
 
-/// Number of positive and negative eigenvalues; what is missing to the order is zero to working precision.
+/// Numbers of positive and negative eigenvalues. The remaining ones are zero to working precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inertia {
     pub positive: usize,
     pub negative: usize,
 }
 
-/// What is left of a front for the one that takes it in: rows of unknowns that had no acceptable pivot, and its border.
+/// Contribution block of a front to its parent: the rows of its delayed unknowns, and the Schur complement on its
+/// border.
 #[derive(Clone, Debug, Default)]
-struct Rest {
-    /// Which front.
+struct Contribution {
+    /// Index of the front.
     front: usize,
+    /// Unknowns that had no acceptable pivot.
     delayed: Vec<u32>,
-    /// Over the delayed ones, then the border, row by row.
+    /// Rows of the delayed unknowns, one after the other; columns: the delayed unknowns, then the border.
     rows: Vec<f64>,
-    /// The upper half, `lanes` of the border a row; empty if it is zero.
+    /// Upper triangle of the border block, `lanes(border)` lanes per row; empty if it is zero.
     border: Vec<Lane>,
-    /// Negative eigenvalues of what has been eliminated, less its duals.
+    /// Number of negative eigenvalues minus number of duals among the unknowns eliminated in the front's subtree.
     excess: isize,
 }
 
-impl Rest {
-    /// Becomes a copy, in the memory it has.
+impl Contribution {
+    /// Copies `other`, reusing the allocated memory.
     fn copy_from(&mut self, other: &Self) {
         self.front = other.front;
         self.delayed.clone_from(&other.delayed);
@@ -67,21 +70,22 @@ impl Rest {
     }
 }
 
-/// The pivots and what they stand for: of each front that has any its unknowns in their last order, and D Lᵀ right of the pivots, row by row, in whole
-/// lanes from that of the pivot on; zero up to and in the pivot.
+/// The numeric factors. For each front with at least one pivot: its unknowns in elimination order, and the rows of D Lᵀ
+/// to the right of the pivots. Each row is stored in whole lanes, from the lane of its pivot on, with zeros up to and
+/// including the pivot block.
 #[derive(Clone, Debug, Default)]
 struct Factors {
-    /// Unknowns that nothing couples, and the inverses of their entries.
-    alone: Vec<(usize, f64)>,
+    /// Unknowns coupled to nothing, each with the inverse of its diagonal entry.
+    uncoupled: Vec<(usize, f64)>,
     pivots: Vec<Pivot>,
     unknowns: Vec<u32>,
     rows: Vec<Lane>,
     fronts: Vec<FrontEnd>,
-    /// Zero times the rows: not a number once any is not finite.
+    /// Sum of zero times the rows: NaN once any entry is not finite.
     zeros: Lane,
 }
 
-/// Where a front that has pivots ends in the factors, and how many of its unknowns are its border.
+/// Where a front with pivots ends in the lists of [`Factors`], and the size of its border.
 #[derive(Clone, Copy, Debug, Default)]
 struct FrontEnd {
     pivots: usize,
@@ -90,19 +94,19 @@ struct FrontEnd {
     border: usize,
 }
 
-/// The part of a front.
+/// The part of [`Factors`] that belongs to one front.
 struct FrontFactors<'f> {
     pivots: &'f [Pivot],
-    /// Those that could be pivots, and the border.
+    /// Fully summed unknowns, and the border.
     unknowns: [&'f [u32]; 2],
     rows: &'f [Lane],
 }
 
 impl Factors {
-    /// Keeps only the first of the fronts that have pivots, and of the unknowns that nothing couples.
-    fn truncate(&mut self, fronts: usize, alone: usize) {
+    /// Keeps only the first `fronts` fronts with pivots and the first `uncoupled` uncoupled unknowns.
+    fn truncate(&mut self, fronts: usize, uncoupled: usize) {
         self.fronts.truncate(fronts);
-        self.alone.truncate(alone);
+        self.uncoupled.truncate(uncoupled);
         let end = self.fronts.last().copied().unwrap_or_default();
         self.pivots.truncate(end.pivots);
         self.unknowns.truncate(end.unknowns);
@@ -125,7 +129,7 @@ impl Factors {
         }
     }
 
-    /// Keeps the rows of the first `pivots` of a panel.
+    /// Appends the rows of `pivots` from a panel.
     fn keep(&mut self, panel: &Panel<'_>, pivots: &[Pivot]) {
         let mut zeros = self.zeros;
         for pivot in pivots {
@@ -146,7 +150,7 @@ impl Factors {
 }
 
 impl FrontFactors<'_> {
-    /// Changes its part of x, which goes into `local` by lanes.
+    /// Applies `change` to the front's part of x, gathered into lanes in `local` and scattered back.
     fn apply(&self, change: fn(&[Pivot], &[Lane], &mut [Lane]), x: &mut [f64], local: &mut Vec<Lane>) {
         let [summed, border] = self.unknowns;
         local.clear();
@@ -161,65 +165,70 @@ impl FrontFactors<'_> {
     }
 }
 
-/// The factorisation; symbolic once, numeric as often as values change.
+/// The factorisation: one symbolic analysis, and a numeric factorisation whenever the values change.
 #[derive(Clone, Debug)]
 pub struct StagedLdl {
-    /// Where each column starts, and the row of each value.
+    /// Compressed sparse columns: start of each column, and row of each value.
     column_start: Arc<[usize]>,
     rows: Arc<[u32]>,
-    /// S: what is factorised is S K S.
+    /// Diagonal scaling S; the factorised matrix is S K S.
     scale: Vec<f64>,
     fronts: Arc<Fronts>,
+    /// The ranges `equations` and `loose`; see [`StagedLdl::new`].
     duals: [Range<usize>; 2],
     factors: Factors,
     checkpoints: Checkpoints,
     work: Work,
-    /// A factorisation ends without a result when this passes.
+    /// Once this has passed, a factorisation stops without a result.
     pub deadline: Deadline,
 }
 
-/// Work space of the numeric factorisation.
+/// Workspace of the numeric factorisation.
 #[derive(Clone, Debug, Default)]
 struct Work {
-    /// The first `waiting` are of fronts that are not taken in yet.
-    rests: Vec<Rest>,
-    waiting: usize,
+    /// A stack: the first `pending` entries await assembly into their parent front.
+    contributions: Vec<Contribution>,
+    pending: usize,
     panel: Vec<Lane>,
     border: Vec<Lane>,
     scaled: Vec<Lane>,
     pivots: Vec<Pivot>,
     unknowns: Vec<u32>,
-    /// The column in the front of each unknown of its pattern, and its S.
+    /// For each unknown in the front's pattern: its column in the front, and its entry of S.
     column: Vec<usize>,
     scale: Vec<f64>,
-    /// The column of each unknown of a front that is taken in.
+    /// Column in the front of each unknown of a child's contribution.
     target: Vec<usize>,
-    /// Of each row, while it is equilibrated.
+    /// Largest entry of each row during equilibration.
     largest: Vec<f64>,
     /// A front's part of a right-hand side.
     local: Vec<Lane>,
 }
 
+/// Column of an unknown that is left out of its front.
 const ABSENT: usize = usize::MAX;
 
-/// Shapes of problems whose fronts are kept for the next one like it have no more entries than these.
-const SHARED: usize = 200_000;
+/// Patterns with more entries than this are not cached.
+const MAX_CACHED_ENTRIES: usize = 200_000;
 
-/// [`fronts`], worked out once for all problems of a shape.
+/// [`fronts`], cached for the patterns seen most recently.
 fn shared_fronts(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Arc<Fronts> {
     type Shape = (Arc<[usize]>, Arc<[u32]>, Vec<usize>, [Range<usize>; 2]);
-    static KNOWN: Memo<Shape, Arc<Fronts>> = Memo::new();
-    let work_out = || fronts(matrix, stage, equations.clone(), loose.clone()).into();
-    if matrix.values.len() > SHARED {
-        return work_out();
+    static CACHE: Memo<Shape, Arc<Fronts>> = Memo::new();
+    let analyse = || fronts(matrix, stage, equations.clone(), loose.clone()).into();
+    if matrix.values.len() > MAX_CACHED_ENTRIES {
+        return analyse();
     }
     let (columns, rows) = (matrix.column_start.clone(), matrix.row_index.clone());
-    KNOWN.get((columns, rows, stage.to_vec(), [equations.clone(), loose.clone()]), work_out)
+    CACHE.get((columns, rows, stage.to_vec(), [equations.clone(), loose.clone()]), analyse)
 }
 
 impl StagedLdl {
-    /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0. `equations` are unknowns
-    /// with nothing on the diagonal, `loose` ones of which some may have nothing else: the duals.
+    /// Analyses the pattern of `matrix` (upper triangle); `stage[i]` is the stage of unknown i, counted from 0.
+    ///
+    /// The duals (multipliers) are two ranges of unknowns: `equations` have a zero or negligible diagonal
+    /// entry; `loose` ones may be uncoupled, that is, have nothing but their diagonal entry (multipliers of inactive
+    /// inequalities).
     pub fn new(matrix: &Sparse, stage: &[usize], equations: Range<usize>, loose: Range<usize>) -> Self {
         Self {
             column_start: matrix.column_start.clone(),
@@ -234,22 +243,25 @@ impl StagedLdl {
         }
     }
 
-    /// Bytes that a factorisation takes at least.
+    /// Least number of bytes that a factorisation needs.
     pub fn bytes(&self) -> usize {
         self.fronts.bytes()
     }
 
-    /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite or the deadline passes.
+    /// Factorises the matrix with these values in the analysed pattern. `None` if a value is not finite or the deadline
+    /// passes.
     pub fn factorise(&mut self, values: &[f64]) -> Option<Inertia> {
         if self.eliminate(values, None) { self.inertia() } else { None }
     }
 
-    /// Factorises the matrix and tells whether all but as many eigenvalues as there are duals are positive; if so it solves for `x` in place, half of
-    /// that on the way, while what it needs of the factors is at hand. Gives up, with nothing to solve with, as soon as the pivots show that
-    /// fewer are.
+    /// Factorises the matrix and tests whether the number of positive eigenvalues is the order minus the number of
+    /// duals. If so, solves for `x` in place and returns true; forward substitution runs during the factorisation,
+    /// while each front is still in cache. Otherwise stops as soon as the pivots rule that inertia out, leaving no
+    /// usable factors.
     ///
-    /// With duals that are negative definite by themselves, the eigenvalues are theirs and those of the Schur complement of the others. Of a
-    /// principal submatrix of that, the duals outside can turn no more negative ones than they are (interlacing).
+    /// Why stopping early is safe: if the block of the duals is negative definite, the inertia of the matrix is that of
+    /// this block plus that of its Schur complement. Each dual outside a principal submatrix accounts for at most one
+    /// of its negative eigenvalues (interlacing).
     pub fn solve_convex(&mut self, values: &[f64], x: &mut [f64]) -> bool {
         let duals: usize = self.duals.iter().map(Range::len).sum();
         let is_convex = self.eliminate(values, Some(x))
@@ -260,49 +272,50 @@ impl StagedLdl {
         is_convex
     }
 
-    /// Eliminates front by front but for the first ones, if they are as they were. With a right-hand side it solves with S and L on the way, and gives up,
-    /// returning false, once more eigenvalues are negative than the duals left account for.
+    /// Reuses the leading fronts whose entries have not changed and refactorises the rest. Returns false if the
+    /// deadline passes. Given a right-hand side, also solves with S and L on the way, and returns false once more
+    /// eigenvalues are negative than the remaining duals account for.
     fn eliminate(&mut self, values: &[f64], mut right: Option<&mut [f64]>) -> bool {
         self.equilibrate(values);
         let Self { fronts, scale, duals, factors, checkpoints, work, .. } = self;
-        let begin = checkpoints.resume(fronts, (values, scale), factors, work);
+        let reused = checkpoints.resume(fronts, (values, scale), factors, work);
         if let Some(x) = &mut right {
             x.iter_mut().zip(&*scale).for_each(|(x, scale)| *x *= scale);
             (0..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, &mut work.local));
         }
         let deadline = self.deadline;
-        (begin..fronts.len()).all(|f| {
+        (reused..fronts.len()).all(|f| {
             if deadline.passed() {
                 return false;
             }
             let before = factors.fronts.len();
             work.factorise((fronts, f), (values, scale), duals, factors, &mut checkpoints.entries);
-            checkpoints.pass(f + 1, factors, &work.rests[..work.waiting]);
+            checkpoints.record(f + 1, factors, &work.contributions[..work.pending]);
             let Some(x) = &mut right else { return true };
             (before..factors.fronts.len()).for_each(|f| factors.front(f).apply(front::forward, x, &mut work.local));
-            let rest = &work.rests[work.waiting - 1];
-            let duals_left = || count_duals(duals, rest.delayed.iter().chain(fronts.get(f).border()));
-            rest.excess <= 0 || rest.excess <= duals_left()
+            let contribution = &work.contributions[work.pending - 1];
+            let duals_left = || count_duals(duals, contribution.delayed.iter().chain(fronts.get(f).border()));
+            contribution.excess <= 0 || contribution.excess <= duals_left()
         })
     }
 
-    /// S so that the largest entry of each row of S K S is near 1 (D. Ruiz, RAL-TR-2001-034): pivots are then judged against
-    /// entries of like size. The signs of the eigenvalues stay.
+    /// Chooses S such that the largest entry of each row of S K S is near 1 (D. Ruiz, RAL-TR-2001-034), so that the
+    /// pivot test compares entries of similar size. The signs of the eigenvalues do not change.
     fn equilibrate(&mut self, values: &[f64]) {
         let Self { scale, rows, column_start, work: Work { largest, .. }, .. } = self;
         scale.fill(1.0);
-        for _ in 0..EQUILIBRATIONS {
+        for _ in 0..EQUILIBRATION_PASSES {
             largest.clear();
             largest.resize(scale.len(), 0.0f64);
             for (j, column) in column_start.windows(2).enumerate() {
-                let (of_scale, mut of_column) = (scale[j], largest[j]);
+                let (column_scale, mut column_largest) = (scale[j], largest[j]);
                 for (&i, value) in rows[column[0]..column[1]].iter().zip(&values[column[0]..column[1]]) {
-                    let size = (value * scale[i as usize] * of_scale).abs();
-                    let of_row = &mut largest[i as usize];
-                    *of_row = if size > *of_row { size } else { *of_row };
-                    of_column = if size > of_column { size } else { of_column };
+                    let size = (value * scale[i as usize] * column_scale).abs();
+                    let row_largest = &mut largest[i as usize];
+                    *row_largest = if size > *row_largest { size } else { *row_largest };
+                    column_largest = if size > column_largest { size } else { column_largest };
                 }
-                largest[j] = if of_column > largest[j] { of_column } else { largest[j] };
+                largest[j] = if column_largest > largest[j] { column_largest } else { largest[j] };
             }
             for (scale, largest) in scale.iter_mut().zip(&*largest) {
                 if *largest > 0.0 {
@@ -312,12 +325,13 @@ impl StagedLdl {
         }
     }
 
-    /// Signs of the eigenvalues, from those of the pivots.
+    /// The inertia, from the signs of the pivots. `None` if a factor is not finite.
     fn inertia(&self) -> Option<Inertia> {
         let mut inertia = Inertia { positive: 0, negative: 0 };
-        let Factors { alone, pivots, .. } = &self.factors;
-        let alone = alone.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
-        for pivot in alone.chain(pivots.iter().copied()) {
+        let Factors { uncoupled, pivots, .. } = &self.factors;
+        let uncoupled =
+            uncoupled.iter().map(|&(_, inverse)| Pivot { row: 0, two: false, inverse: [inverse, 0.0, 0.0] });
+        for pivot in uncoupled.chain(pivots.iter().copied()) {
             let (positive, negative) = pivot.signs()?;
             inertia.positive += positive;
             inertia.negative += negative;
@@ -325,7 +339,7 @@ impl StagedLdl {
         self.factors.is_finite().then_some(inertia)
     }
 
-    /// Solves in place with the last factorisation.
+    /// Solves in place with the latest factorisation.
     pub fn solve(&mut self, x: &mut [f64]) {
         debug_assert_eq!(x.len(), self.scale.len());
         let Self { scale, factors, work: Work { local, .. }, .. } = self;
@@ -334,10 +348,10 @@ impl StagedLdl {
         self.backward(x);
     }
 
-    /// The half of a solution that is left with D, Lᵀ and S.
+    /// The second half of a solve: backward substitution with D, Lᵀ and S.
     fn backward(&mut self, x: &mut [f64]) {
         let Self { scale, factors, work: Work { local, .. }, .. } = self;
-        for &(i, inverse) in &factors.alone {
+        for &(i, inverse) in &factors.uncoupled {
             x[i] *= inverse;
         }
         (0..factors.fronts.len()).rev().for_each(|f| factors.front(f).apply(front::backward, x, local));
@@ -345,14 +359,14 @@ impl StagedLdl {
     }
 }
 
-/// How many of the unknowns are duals.
+/// Number of duals among `unknowns`.
 fn count_duals<'a>(duals: &[Range<usize>; 2], unknowns: impl IntoIterator<Item = &'a u32>) -> isize {
     unknowns.into_iter().filter(|i| duals.iter().any(|of| of.contains(&(**i as usize)))).count() as isize
 }
 
 impl Work {
-    /// Factorises a front: the rests of those that it takes in, and its own entries, which are added to `entries`. What is left of it is the last of
-    /// those that wait then.
+    /// Assembles front `f` from the contributions of its children and its own entries (appended to `entries`),
+    /// factorises it, and leaves its contribution as the last pending one.
     fn factorise(
         &mut self,
         (fronts, f): (&Fronts, usize),
@@ -362,7 +376,7 @@ impl Work {
         entries: &mut Vec<f64>,
     ) {
         let pattern = fronts.get(f);
-        let first = self.waiting - pattern.takes;
+        let first = self.pending - pattern.children;
         self.arrange((fronts, pattern), (values, scale), first, factors);
         let (summed, border) = (self.unknowns.len(), pattern.border().len());
         let start = lanes(summed);
@@ -370,11 +384,12 @@ impl Work {
         self.panel.clear();
         self.panel.resize(summed * width, ZERO);
         self.border.clear();
-        let meets = self.rests[first..self.waiting].iter().any(|rest| !rest.border.is_empty());
-        if meets {
+        let has_border_block =
+            self.contributions[first..self.pending].iter().any(|contribution| !contribution.border.is_empty());
+        if has_border_block {
             self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
         }
-        self.take_in(fronts, first, width, start * LANE);
+        self.extend_add(fronts, first, width, start * LANE);
         let panel = flat_mut(&mut self.panel);
         let before = entries.len();
         entries.extend(pattern.entries.iter().map(|entry| entry.value(values, &self.scale)));
@@ -384,7 +399,7 @@ impl Work {
                 panel[row * width * LANE + column] += value;
             }
         }
-        // What may be pivots is held whole.
+        // The fully summed block is stored in full.
         for i in 0..summed {
             let (above, below) = panel.split_at_mut((i + 1) * width * LANE);
             let row = &above[i * width * LANE..][i + 1..summed];
@@ -392,11 +407,12 @@ impl Work {
         }
         self.pivots.clear();
         let mut panel = Panel { values: &mut self.panel, width, unknowns: &mut self.unknowns };
-        let done = if summed > 0 { front::eliminate(&mut panel, f + 1 == fronts.len(), &mut self.pivots) } else { 0 };
-        if done > 0 {
+        let eliminated =
+            if summed > 0 { front::eliminate(&mut panel, f + 1 == fronts.len(), &mut self.pivots) } else { 0 };
+        if eliminated > 0 {
             if border > 0 {
                 self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
-                front::complete(&mut self.border, &panel, start, &self.pivots, &mut self.scaled);
+                front::update_border(&mut self.border, &panel, start, &self.pivots, &mut self.scaled);
             }
             factors.keep(&panel, &self.pivots);
             factors.unknowns.extend_from_slice(&self.unknowns);
@@ -408,27 +424,28 @@ impl Work {
                 border,
             });
         }
-        let excess = self.rests[first..self.waiting].iter().map(|rest| rest.excess).sum::<isize>();
-        self.waiting = first + 1;
-        self.rests.resize_with(self.rests.len().max(self.waiting), Rest::default);
-        let rest = &mut self.rests[first];
-        rest.front = f;
-        rest.delayed.clear();
-        rest.delayed.extend_from_slice(&self.unknowns[done..]);
-        rest.rows.clear();
-        for row in self.panel.chunks_exact(width.max(1)).skip(done) {
+        let excess =
+            self.contributions[first..self.pending].iter().map(|contribution| contribution.excess).sum::<isize>();
+        self.pending = first + 1;
+        self.contributions.resize_with(self.contributions.len().max(self.pending), Contribution::default);
+        let contribution = &mut self.contributions[first];
+        contribution.front = f;
+        contribution.delayed.clear();
+        contribution.delayed.extend_from_slice(&self.unknowns[eliminated..]);
+        contribution.rows.clear();
+        for row in self.panel.chunks_exact(width.max(1)).skip(eliminated) {
             let (own, border_row) = row.split_at(start);
-            rest.rows.extend_from_slice(&flat(own)[done..summed]);
-            rest.rows.extend_from_slice(&flat(border_row)[..border]);
+            contribution.rows.extend_from_slice(&flat(own)[eliminated..summed]);
+            contribution.rows.extend_from_slice(&flat(border_row)[..border]);
         }
-        std::mem::swap(&mut rest.border, &mut self.border);
+        std::mem::swap(&mut contribution.border, &mut self.border);
         let negative =
             self.pivots.iter().filter_map(Pivot::signs).map(|(_, negative)| negative as isize).sum::<isize>();
-        rest.excess = excess + negative - count_duals(duals, &self.unknowns[..done]);
+        contribution.excess = excess + negative - count_duals(duals, &self.unknowns[..eliminated]);
     }
 
-    /// Settles which unknowns the front holds, and the column of each: what was delayed comes first. Own unknowns that nothing couples now
-    /// (inequalities that are not active) stay out of it.
+    /// Lists the fully summed unknowns of the front and assigns a column to each unknown; delayed ones come first. Own
+    /// unknowns that nothing couples at present (multipliers of inactive inequalities) are left out of the front.
     fn arrange(
         &mut self,
         (fronts, pattern): (&Fronts, Pattern<'_>),
@@ -437,16 +454,16 @@ impl Work {
         factors: &mut Factors,
     ) {
         let own = pattern.own;
-        let Self { rests, unknowns, column, .. } = self;
+        let Self { contributions, unknowns, column, .. } = self;
         self.scale.clear();
         self.scale.extend(pattern.unknowns.iter().map(|&i| scale[i as usize]));
         column.clear();
         column.resize(pattern.unknowns.len(), 0);
-        let rests = &rests[first..self.waiting];
-        // Coupled: for now just not absent.
+        let contributions = &contributions[first..self.pending];
+        // Coupled unknowns get 0 for now: anything but `ABSENT`.
         pattern.loose.iter().for_each(|entry| column[entry.places()[0]] = ABSENT);
-        for rest in rests {
-            fronts.get(rest.front).places.iter().for_each(|&place| column[usize::from(place)] = 0);
+        for contribution in contributions {
+            fronts.get(contribution.front).places.iter().for_each(|&place| column[usize::from(place)] = 0);
         }
         for coupling in pattern.couplings {
             if values[coupling.slot()] != 0.0 {
@@ -456,11 +473,11 @@ impl Work {
         for entry in pattern.loose {
             let [place, _] = entry.places();
             if column[place] == ABSENT {
-                factors.alone.push((pattern.unknowns[place] as usize, 1.0 / entry.value(values, &self.scale)));
+                factors.uncoupled.push((pattern.unknowns[place] as usize, 1.0 / entry.value(values, &self.scale)));
             }
         }
         unknowns.clear();
-        rests.iter().for_each(|rest| unknowns.extend_from_slice(&rest.delayed));
+        contributions.iter().for_each(|contribution| unknowns.extend_from_slice(&contribution.delayed));
         for (&i, column) in pattern.unknowns.iter().zip(&mut column[..own]) {
             if *column != ABSENT {
                 *column = unknowns.len();
@@ -471,24 +488,26 @@ impl Work {
         column[own..].iter_mut().enumerate().for_each(|(j, column)| *column = start + j);
     }
 
-    /// Adds the rests of the fronts from `first` on to this one, the border of which begins in column `start`.
-    fn take_in(&mut self, fronts: &Fronts, first: usize, width: usize, start: usize) {
+    /// Extend-add: adds the pending contributions from `first` on to this front, whose border begins at column `start`.
+    fn extend_add(&mut self, fronts: &Fronts, first: usize, width: usize, start: usize) {
         let (panel, border) = (flat_mut(&mut self.panel), flat_mut(&mut self.border));
         let (width, border_width) = (width * LANE, width * LANE - start);
         let mut delayed = 0;
-        for rest in &self.rests[first..self.waiting] {
-            let places = fronts.get(rest.front).places;
+        for contribution in &self.contributions[first..self.pending] {
+            let places = fronts.get(contribution.front).places;
             let target = &mut self.target;
             target.clear();
-            target.extend(delayed..delayed + rest.delayed.len());
+            target.extend(delayed..delayed + contribution.delayed.len());
             target.extend(places.iter().map(|&place| self.column[usize::from(place)]));
-            let own = rest.delayed.len();
-            for (i, row) in rest.rows.chunks_exact(target.len().max(1)).enumerate() {
+            let own = contribution.delayed.len();
+            for (i, row) in contribution.rows.chunks_exact(target.len().max(1)).enumerate() {
                 let out = &mut panel[(delayed + i) * width..][..width];
                 target[i..].iter().zip(&row[i..]).for_each(|(&j, value)| out[j] += *value);
             }
-            let rest_width = lanes(places.len()) * LANE;
-            for (i, row) in flat(&rest.border).chunks_exact(rest_width.max(1)).take(places.len()).enumerate() {
+            let contribution_width = lanes(places.len()) * LANE;
+            for (i, row) in
+                flat(&contribution.border).chunks_exact(contribution_width.max(1)).take(places.len()).enumerate()
+            {
                 let (row, target) = (&row[i..], &target[own + i..]);
                 let to = target[0];
                 let out = if to < start {
@@ -509,7 +528,8 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// A random saddle-point matrix over `stages` stages of `each` unknowns, of which two fifths have a zero diagonal block.
+    /// A random saddle-point matrix with `each` unknowns in each of `stages` stages; two fifths of them have a zero
+    /// diagonal block.
     fn matrix(rng: &mut impl rand::Rng, stages: usize, each: usize) -> (Sparse, Vec<usize>) {
         let stage: Vec<usize> = (0..each * stages).map(|i| i / each).collect();
         let mut triplets = Vec::new();
@@ -525,12 +545,12 @@ mod tests {
     }
 
     #[test]
-    fn unknowns_that_only_zeros_couple_are_solved_for_on_their_own() {
+    fn unknowns_coupled_only_by_zeros_are_solved_separately() {
         let matrix = Sparse::from_triplets(3, 3, &[(0, 0, 2.0), (0, 1, 0.0), (1, 1, -4.0), (2, 2, 1.0)]);
-        for (loose, alone) in [(0..3, 3), (1..3, 2), (0..0, 0)] {
+        for (loose, uncoupled) in [(0..3, 3), (1..3, 2), (0..0, 0)] {
             let mut ldl = StagedLdl::new(&matrix, &[0, 0, 1], 0..0, loose);
             assert_eq!(ldl.factorise(&matrix.values), Some(Inertia { positive: 2, negative: 1 }));
-            assert_eq!(ldl.factors.alone.len(), alone);
+            assert_eq!(ldl.factors.uncoupled.len(), uncoupled);
             let mut x = [1.0, 1.0, 1.0];
             ldl.solve(&mut x);
             assert_eq!(x, [0.5, -0.25, 1.0]);
@@ -538,13 +558,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_convex_is_given_up_and_nothing_else() {
+    fn solve_convex_fails_exactly_if_the_inertia_is_wrong() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
         let stages = 12;
         let (variables, duals) = (4 * stages, 2 * stages);
         let stage: Vec<usize> = (0..variables).map(|i| i / 4).chain((0..duals).map(|i| i / 2)).collect();
         let mut outcomes = [0, 0];
-        let mut given_up = 0;
+        let mut stopped_early = 0;
         for trial in 0..60 {
             let mut triplets: Vec<_> = (variables..variables + duals).map(|i| (i, i, -1e-3)).collect();
             for j in 0..variables + duals {
@@ -561,7 +581,7 @@ mod tests {
             let right: Vec<f64> = (0..matrix.columns).map(|_| rng.random_range(-1.0..1.0)).collect();
             let mut x = right.clone();
             let is_convex = ldl.solve_convex(&matrix.values, &mut x);
-            given_up += usize::from(ldl.factors.fronts.len() < ldl.fronts.len() / 2);
+            stopped_early += usize::from(ldl.factors.fronts.len() < ldl.fronts.len() / 2);
             let inertia = ldl.factorise(&matrix.values).unwrap();
             assert_eq!(is_convex, inertia.positive == variables, "{trial}");
             if is_convex {
@@ -571,11 +591,11 @@ mod tests {
             }
             outcomes[usize::from(is_convex)] += 1;
         }
-        assert!(outcomes.iter().all(|count| *count > 10) && given_up > 5, "{outcomes:?}, {given_up}");
+        assert!(outcomes.iter().all(|count| *count > 10) && stopped_early > 5, "{outcomes:?}, {stopped_early}");
     }
 
     #[test]
-    fn what_has_changed_in_a_late_front_is_eliminated_from_there_and_the_numbers_are_the_same() {
+    fn refactorising_changed_fronts_gives_the_same_numbers() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
         let stages = 300;
         let (mut matrix, stage) = matrix(&mut rng, stages, 5);
@@ -584,21 +604,21 @@ mod tests {
         let mut ldl = new();
         assert!(ldl.factorise(&matrix.values).is_some());
         let at = |s: usize| analysed.entries().find(|&(i, j, _)| i == j && stage[i] == s).unwrap().2;
-        // Elimination goes from the last stage back.
+        // Elimination runs from the last stage to the first.
         for (changed, least, most) in [(0, 200, 300), (150, 75, 150), (stages - 1, 0, 0), (40, 180, 260)] {
             matrix.values[at(changed)] += 1.0;
             let values = &matrix.values;
             ldl.equilibrate(values);
             let StagedLdl { checkpoints, fronts, scale, factors, work, .. } = &mut ldl;
-            let begin = checkpoints.resume(fronts, (values, scale), factors, work);
-            assert!((least..=most).contains(&begin), "{changed}: {begin}");
+            let reused = checkpoints.resume(fronts, (values, scale), factors, work);
+            assert!((least..=most).contains(&reused), "{changed}: {reused}");
             let mut fresh = new();
             assert_eq!(ldl.factorise(values), fresh.factorise(values));
             let mut solutions = [(); 2].map(|()| (0..n).map(|i| (i as f64).sin()).collect::<Vec<f64>>());
             ldl.solve(&mut solutions[0]);
             fresh.solve(&mut solutions[1]);
             assert_eq!(solutions[0], solutions[1], "{changed}");
-            // Nothing is gone on from that is not finite.
+            // Factors that are not finite are not reused.
             let mut broken = matrix.values.clone();
             broken[at(stages / 3)] = f64::NAN;
             assert_eq!(ldl.factorise(&broken), None);
@@ -607,9 +627,9 @@ mod tests {
     }
 
     #[test]
-    fn solutions_and_inertia_agree_with_the_dense_eigenvalues() {
+    fn solutions_and_inertia_agree_with_dense_eigenvalues() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        // The last with fronts of many lanes.
+        // In the last case, fronts span many lanes.
         for (stages, each) in [(1, 5), (2, 5), (7, 5), (20, 5), (6, 25)] {
             let (matrix, stage) = matrix(&mut rng, stages, each);
             let n = matrix.columns;
