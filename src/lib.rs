@@ -67,6 +67,7 @@ pub mod numerics;
 pub mod opensim;
 pub mod outcome;
 pub mod plausibility;
+pub mod reference;
 pub mod report;
 pub mod run;
 pub mod skeleton;

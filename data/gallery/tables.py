@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The README's tables of results on the reference arm, from the shipped studies: runs them, and writes each between its marks in the README.
+"""The READMEs' tables of results, from the shipped studies: runs the studies, and writes each table between its marks.
 
     python3 data/gallery/tables.py [--sinew target/release/sinew] [NAME ...]
 
@@ -131,6 +131,54 @@ def convergence(results):
     return lines
 
 
+def abduction(results):
+    rows = results.read("abduction").merge(pd.read_parquet(results.run("abduction") / "ratios.parquet").drop(columns="status"), on="job_id")
+    rows = rows[(rows.measure == "mean_force") & (rows.mu == 0.2)]
+    strength, offset = "muscle.TeresMajor.max_isometric_force", "motion.abduction_offset_deg"
+    offsets = sorted(rows[offset].unique())
+    lines = [f"| girdle | strength of teres major, N | {' | '.join(f'{value:g}°' for value in offsets)} |", "|---" * (2 + len(offsets)) + "|"]
+    for girdle in ["fixed", "prescribed", "equilibrium"]:
+        for force, of in rows[rows.girdle == girdle].groupby(strength):
+            values = of.set_index(offset).value
+            lines.append(f"| {girdle} | {force:g} | {' | '.join(f'{values[value]:.2f}' for value in offsets)} |")
+    jobs = results.read("abduction", "regularity")
+    converged = jobs[jobs.status == "converged"]
+    lines += ["", f"{len(converged)} of {len(jobs)} jobs converge; loads are unique in {int(converged.loads_unique.sum())}; {int(jobs.warnings.notna().sum())} have warnings."]
+    return lines
+
+
+def pectoralis(results):
+    slack, name = "muscle.PectoralisMajor*.tendon_slack_length_scale", "pectoralis_slack"
+    rows = results.read(name).merge(pd.read_parquet(results.run(name) / "muscles.parquet").drop(columns="status"), on="job_id")
+    axes = [axis for axis in ["girdle", "mu"] if axis in rows]
+    rows = rows[(rows.girdle == "equilibrium") & (rows.mu == 0.1)] if len(axes) == 2 else rows
+    force = rows.pivot_table(index="muscle", columns=slack, values="mean_force_n")
+    change = (force[0.85] - force[1.0]).sort_values(key=abs, ascending=False)
+    lines = ["| muscle | mean force, N | change, N | change |", "|---|---|---|---|"]
+    for muscle, value in change.head(8).items():
+        before = force[1.0][muscle]
+        share = f"{100 * value / before:+.1f} %" if before else ""
+        lines.append(f"| {muscle} | {before:.2f} | {value:+.2f} | {share} |")
+    return lines
+
+
+def arm26(results):
+    jobs = results.read("arm26")
+    jobs = jobs[(jobs.scheme == "radau") & (jobs.mu == 0.05)]
+    rows = jobs.merge(pd.read_parquet(results.run("arm26") / "muscles.parquet").drop(columns="status"), on="job_id")
+    peaks = rows.pivot_table(index="muscle", columns="muscle.TRIlong.max_isometric_force_scale", values="peak_activation")
+    opensim = pd.read_csv(ROOT / "data/arm26_static_optimization.csv", comment="#").set_index("muscle").iloc[:, 0]
+    order = opensim.sort_values(ascending=False).index
+    row = lambda title, values: f"| {title} | {' | '.join(f'{values[muscle]:.3f}' for muscle in order)} |"
+    return [
+        f"| | {' | '.join(order)} |",
+        "|---" * (1 + len(order)) + "|",
+        row("OpenSim, static optimisation, no passive forces", opensim),
+        row("Sinew", peaks[1.0]),
+        row("Sinew, strength of TRIlong × 0.02", peaks[0.02]),
+    ]
+
+
 TABLES = {
     "table1": lambda results: table1(results, "table1"),
     "table1_starts": lambda results: table1(results, "table1_starts"),
@@ -138,6 +186,9 @@ TABLES = {
     "optima": optima,
     "ringing": ringing,
     "convergence": convergence,
+    "abduction": abduction,
+    "pectoralis": pectoralis,
+    "arm26": arm26,
 }
 
 
@@ -146,17 +197,19 @@ def main():
     options.add_argument("names", nargs="*", metavar="NAME", help=f"of: {', '.join(TABLES)}")
     options.add_argument("--sinew", default=ROOT / "target/release/sinew")
     options = options.parse_args()
-    readme = ROOT / "README.md"
+    readmes = {path: path.read_text() for path in ROOT.glob("*/README.md")}
     with tempfile.TemporaryDirectory() as folder:
         results = Results(options.sinew, folder)
         for name in options.names or TABLES:
             lines = "\n".join(TABLES[name](results))
             mark = rf"(<!-- table {name} -->\n).*?(<!-- end -->)"
-            text, count = re.subn(mark, lambda found: f"{found[1]}{lines}\n{found[2]}", readme.read_text(), flags=re.DOTALL)
-            if count != 1:
-                raise SystemExit(f"the README has {count} marks for {name}")
-            readme.write_text(text)
-            print(name, flush=True)
+            marked = [path for path, text in readmes.items() if re.search(mark, text, flags=re.DOTALL)]
+            if len(marked) != 1:
+                raise SystemExit(f"{len(marked)} READMEs have marks for {name}")
+            path = marked[0]
+            readmes[path] = re.sub(mark, lambda found: f"{found[1]}{lines}\n{found[2]}", readmes[path], flags=re.DOTALL)
+            path.write_text(readmes[path])
+            print(name, path.relative_to(ROOT), flush=True)
 
 
 if __name__ == "__main__":

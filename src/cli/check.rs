@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{BAD_INPUT, GOOD, note, print};
+use super::{BAD_INPUT, GOOD, print};
 use crate::error::{Error, Issue, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
@@ -12,6 +12,7 @@ use crate::plausibility;
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
 use crate::study::{Study, load_model};
+use crate::terminal;
 
 pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
     let model = match model {
@@ -23,7 +24,7 @@ pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
         match check_one(path, model.as_ref()) {
             Ok(summary) => print(&format!("{}: {summary}", path.display())),
             Err(error) => {
-                note(&format!("{:?}", miette::Report::new(error)));
+                terminal::error(&format!("{:?}", miette::Report::new(error)));
                 code = BAD_INPUT;
             }
         }

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{GOOD, print, write_table};
+use super::output::{csv, write_table};
+use super::{GOOD, print};
 use crate::error::{Result, SourceFile, nearest};
 use crate::motion::text::{Row, TextTable, at_line};
 use crate::skeleton::Skeleton;
@@ -16,8 +17,12 @@ pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8>
     let poses = read_poses(&SourceFile::read(poses)?, &skeleton)?;
     let table = table(&skeleton, &poses);
     let metadata = vec![("sinew.model".to_owned(), skeleton.name.clone())];
-    if let Some(path) = write_table(&table, metadata, out)? {
-        print(&format!("{} pose(s), {} muscle(s): {}", poses.len(), skeleton.muscles.len(), path.display()));
+    match out {
+        None => print(csv(&table)?.trim_end()),
+        Some(path) => {
+            write_table(&table, metadata, path)?;
+            print(&format!("{} poses, {} muscles: {}", poses.len(), skeleton.muscles.len(), path.display()));
+        }
     }
     Ok(GOOD)
 }

@@ -1,70 +1,90 @@
-//! `sinew plan`: what a study would do, and why.
+//! `sinew plan`: the jobs of a study, and whether a run would solve each.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use comfy_table::{Table, presets::NOTHING};
-
-use super::show::wrapped;
+use super::arguments::{Format, Look};
+use super::layout::{NOTHING_THERE, Sheet};
+use super::output::print_table;
 use super::{GOOD, print};
 use crate::error::Result;
 use crate::run::default_folder;
 use crate::run::reasons::{Reason, reasons};
 use crate::study::Study;
+use crate::tables::{Table, Values};
+use crate::terminal::heading;
 
+/// Jobs listed unless all are asked for.
 const FIRST: usize = 20;
 
-pub fn plan(path: &Path, out: Option<PathBuf>, all: bool) -> Result<u8> {
+pub fn plan(path: &Path, out: Option<PathBuf>, all: bool, look: Look) -> Result<u8> {
     let study = Study::load(path)?;
+    let out = out.unwrap_or_else(|| default_folder(&study));
+    let reasons = reasons(&study, &out)?;
+    if look.format != Format::Table {
+        print_table(&table(&study, &reasons), look)?;
+        return Ok(GOOD);
+    }
+    print_summary(&study, &reasons, &out);
+    let shown = if all { study.jobs.len() } else { FIRST.min(study.jobs.len()) };
+    let jobs = &study.jobs[..shown];
+    let mut sheet = Sheet::default();
+    sheet.number("job", 0, jobs.iter().map(|job| job.index.to_string()).collect());
+    for (axis, name) in study.axes.iter().enumerate() {
+        let value = |value: &Option<_>| value.as_ref().map_or(NOTHING_THERE.to_owned(), ToString::to_string);
+        sheet.text(name, 1, jobs.iter().map(|job| value(&job.swept[axis])).collect());
+    }
+    sheet.text("state", 0, reasons[..shown].iter().map(ToString::to_string).collect());
+    sheet.number("points", 2, jobs.iter().map(|job| job.points.to_string()).collect());
+    sheet.text("id", 3, jobs.iter().map(|job| job.id.clone()).collect());
+    sheet.print(look.wide);
+    if study.jobs.len() > shown {
+        print(&format!("… and {} more jobs (--all lists them)", study.jobs.len() - shown));
+    }
+    Ok(GOOD)
+}
+
+fn print_summary(study: &Study, reasons: &[Reason], out: &Path) {
     let model = &study.model;
-    print(&format!("{}: {} job(s)", study.name, study.jobs.len()));
+    print(&heading(&format!("{}: {} jobs", study.name, study.jobs.len())));
     if !study.description.is_empty() {
         print(&study.description);
     }
-    print(&format!(
-        "model  {} ({} bodies, {} joints, {} muscles)",
-        study.sources.model.path.display(),
-        model.bodies(),
-        model.joints(),
-        model.muscles.len()
-    ));
-    print(&format!(
-        "motion {} ({} instants, {} s)",
-        study.sources.motion.path.display(),
-        study.motion.time.len(),
-        study.motion.duration()
-    ));
+    let (bodies, joints, muscles) = (model.bodies(), model.joints(), model.muscles.len());
+    let path = study.sources.model.path.display();
+    print(&format!("model  {path} ({bodies} bodies, {joints} joints, {muscles} muscles)"));
+    let (instants, duration) = (study.motion.time.len(), study.motion.duration());
+    print(&format!("motion {} ({instants} instants, {duration} s)", study.sources.motion.path.display()));
     if study.repeated > 0 {
-        print(&format!("{} repeated job(s) left out", study.repeated));
+        print(&format!("{} repeated jobs left out", study.repeated));
     }
-    let out = out.unwrap_or_else(|| default_folder(&study));
-    let reasons = reasons(&study, &out)?;
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     reasons.iter().for_each(|reason| *counts.entry(reason.class()).or_default() += 1);
     let counts: Vec<String> = counts.iter().map(|(class, count)| format!("{count} {class}")).collect();
     print(&format!("in {}: {}", out.display(), counts.join(", ")));
-    print(&format!("a run solves {} of them", reasons.iter().filter(|reason| reason.runs()).count()));
+    print(&format!("a run would solve {} of them", reasons.iter().filter(|reason| reason.runs()).count()));
     let has = |wanted: fn(&Reason) -> bool| reasons.iter().any(wanted);
     if has(|reason| matches!(reason, Reason::Failed(_))) {
-        print("failed jobs are kept as they are; run with --failed to solve them again");
+        print("failed jobs are kept; run with --failed to solve them again");
     }
     if has(|reason| matches!(reason, Reason::DoneBy(_))) {
         print("results of another solver are kept; run with --outdated to renew them");
     }
+    print("");
+}
 
-    let mut table = Table::new();
-    table.load_preset(NOTHING);
-    let axes = study.axes.iter().map(String::as_str);
-    table.set_header(["job", "id"].into_iter().chain(axes).chain(["points", "why"]).map(wrapped));
-    let shown = if all { study.jobs.len() } else { FIRST };
-    for (job, reason) in study.jobs.iter().zip(&reasons).take(shown) {
-        let swept = job.swept.iter().map(|value| value.as_ref().map_or("–".to_owned(), ToString::to_string));
-        let end = [job.points.to_string(), reason.to_string()];
-        table.add_row([job.index.to_string(), job.id.clone()].into_iter().chain(swept).chain(end));
+/// All jobs with their swept values.
+fn table(study: &Study, reasons: &[Reason]) -> Table {
+    let jobs = &study.jobs;
+    let mut columns = vec![
+        ("job_id".to_owned(), Values::Text(jobs.iter().map(|job| Some(job.id.clone())).collect())),
+        ("index".to_owned(), Values::Integer(jobs.iter().map(|job| Some(job.index as i64)).collect())),
+    ];
+    for (axis, name) in study.axes.iter().enumerate() {
+        let value = |job: &crate::study::Job| job.swept[axis].as_ref().map(ToString::to_string);
+        columns.push((name.clone(), Values::Text(jobs.iter().map(value).collect())));
     }
-    print(&table.trim_fmt());
-    if study.jobs.len() > shown {
-        print(&format!("… and {} more (--all lists them)", study.jobs.len() - shown));
-    }
-    Ok(GOOD)
+    columns.push(("points".to_owned(), Values::Integer(jobs.iter().map(|job| Some(job.points as i64)).collect())));
+    columns.push(("state".to_owned(), Values::Text(reasons.iter().map(|reason| Some(reason.to_string())).collect())));
+    Table { name: "plan", columns }
 }

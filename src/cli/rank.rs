@@ -1,65 +1,113 @@
-//! `sinew rank`: which muscles answer a change: every muscle against the job of the reference value, from the tables alone.
+//! `sinew rank`: which muscles respond to a change: every muscle against the job of the reference value, from the tables
+//! alone.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use super::{GOOD, print, write_table};
+use super::arguments::{Format, Look};
+use super::layout::Sheet;
+use super::output::{print_table, write_table};
+use super::{GOOD, print};
 use crate::error::{Error, Result, nearest};
 use crate::outcome::Status;
+use crate::run::folder;
 use crate::tables::{self, Table, Values, schema};
+use crate::terminal::heading;
 
-/// Measures of muscles.parquet that are ranked by.
+/// Measures of `muscles` that can be ranked by.
 const MEASURES: [&str; 6] =
     ["mean_force_n", "peak_force_n", "impulse_n_s", "mean_activation", "peak_activation", "min_force_n"];
+/// Muscles printed for each job.
+const FIRST: usize = 10;
 
 pub struct Options<'a> {
     pub axis: &'a str,
     pub reference: &'a str,
     pub measure: &'a str,
     pub out: Option<&'a Path>,
+    pub look: Look,
 }
 
-/// Change of one muscle in one job.
+/// How much one muscle changed in a job.
 struct Change {
     muscle: String,
     reference: f64,
     value: f64,
 }
 
+impl Change {
+    fn difference(&self) -> f64 {
+        self.value - self.reference
+    }
+
+    fn relative(&self) -> Option<f64> {
+        (self.reference != 0.0).then(|| self.difference() / self.reference)
+    }
+}
+
+/// A job beside its reference, muscles with the largest change first.
+struct Ranking {
+    /// Row of the job in `jobs`.
+    row: usize,
+    changes: Vec<Change>,
+}
+
 pub fn rank(folder: &Path, options: &Options<'_>) -> Result<u8> {
-    let wrong = |reason: String| Error::table("rank the muscles of", folder, reason);
-    let jobs = tables::read("jobs", &folder.join("jobs.parquet"))?;
-    let muscles = tables::read("muscles", &folder.join("muscles.parquet"))?;
+    let jobs = tables::read("jobs", &folder::table(folder, "jobs"))?;
+    let muscles = tables::read("muscles", &folder::table(folder, "muscles"))?;
     let axes = schema::axes(&jobs);
+    check(folder, &jobs, &axes, options)?;
+    let rankings = rankings(&jobs, &muscles, &axes, options);
+    match options.out {
+        Some(out) => {
+            let table = table(&jobs, &axes, options.measure, &rankings);
+            write_table(&table, vec![("sinew.axis".to_owned(), options.axis.to_owned())], out)?;
+            print(&format!("{} rows: {}", table.rows(), out.display()));
+        }
+        None if options.look.format == Format::Table => {
+            rankings.iter().for_each(|ranking| print_ranking(&jobs, &axes, options, ranking));
+        }
+        None => print_table(&table(&jobs, &axes, options.measure, &rankings), options.look)?,
+    }
+    Ok(GOOD)
+}
+
+fn check(folder: &Path, jobs: &Table, axes: &[String], options: &Options<'_>) -> Result<()> {
+    let wrong = |reason: String| Err(Error::table("rank the muscles of", folder, reason));
     if !axes.iter().any(|axis| axis == options.axis) {
         let near = nearest(options.axis, axes.iter().map(String::as_str));
         let near = near.map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-        return Err(wrong(format!("`{}` is not swept; {near}swept: {}", options.axis, axes.join(", "))));
+        return wrong(format!("`{}` is not swept; {near}swept: {}", options.axis, axes.join(", ")));
     }
     if !MEASURES.contains(&options.measure) {
-        return Err(wrong(format!("`{}` is no measure; there is: {}", options.measure, MEASURES.join(", "))));
+        return wrong(format!("`{}` is not a measure; measures: {}", options.measure, MEASURES.join(", ")));
     }
-    let value = |row: usize| jobs.display(options.axis, row).unwrap_or_default();
-    let is_reference = |row: usize| match (value(row).parse::<f64>(), options.reference.parse::<f64>()) {
+    if !(0..jobs.rows()).any(|row| is_reference(jobs, options, row)) {
+        let mut values: Vec<String> =
+            (0..jobs.rows()).map(|row| jobs.display(options.axis, row).unwrap_or_default()).collect();
+        values.dedup();
+        let (axis, reference) = (options.axis, options.reference);
+        return wrong(format!("no job has {axis} = {reference}; its values: {}", values.join(", ")));
+    }
+    Ok(())
+}
+
+fn is_reference(jobs: &Table, options: &Options<'_>, row: usize) -> bool {
+    let value = jobs.display(options.axis, row).unwrap_or_default();
+    match (value.parse::<f64>(), options.reference.parse::<f64>()) {
         (Ok(a), Ok(b)) => (a - b).abs() <= 1e-12 * a.abs().max(b.abs()),
-        _ => value(row) == options.reference,
-    };
-    let rows = || 0..jobs.rows();
-    if !rows().any(is_reference) {
-        let mut there: Vec<String> = rows().map(value).collect();
-        there.dedup();
-        return Err(wrong(format!(
-            "no job has {} = {}; there is: {}",
-            options.axis,
-            options.reference,
-            there.join(", ")
-        )));
+        _ => value == options.reference,
     }
-    // What else a job is.
-    let others = |row: usize| -> Vec<(String, String)> {
-        let others = axes.iter().filter(|axis| *axis != options.axis);
-        others.map(|axis| (axis.clone(), jobs.display(axis, row).unwrap_or_default())).collect()
-    };
+}
+
+/// The values of all axes but the ranked one.
+fn others(jobs: &Table, axes: &[String], options: &Options<'_>, row: usize) -> Vec<(String, String)> {
+    let others = axes.iter().filter(|axis| *axis != options.axis);
+    others.map(|axis| (axis.clone(), jobs.display(axis, row).unwrap_or_default())).collect()
+}
+
+/// Every converged job beside the converged job of the reference value that agrees in all other axes.
+fn rankings(jobs: &Table, muscles: &Table, axes: &[String], options: &Options<'_>) -> Vec<Ranking> {
     let mut loads: BTreeMap<&str, Vec<(&str, f64)>> = BTreeMap::new();
     for row in 0..muscles.rows() {
         if let (Some(job), Some(muscle), Some(value)) =
@@ -68,65 +116,59 @@ pub fn rank(folder: &Path, options: &Options<'_>) -> Result<u8> {
             loads.entry(job).or_default().push((muscle, value));
         }
     }
-    let converged = |row: usize| jobs.text("status", row) == Some(Status::Converged.name());
-    let load = |row: usize| converged(row).then(|| loads.get(jobs.text("job_id", row)?))?;
-    let mut columns: Vec<(String, Vec<Option<String>>)> = axes.iter().map(|axis| (axis.clone(), Vec::new())).collect();
+    let is_converged = |row: usize| jobs.text("status", row) == Some(Status::Converged.name());
+    let load = |row: usize| is_converged(row).then(|| loads.get(jobs.text("job_id", row)?))?;
     let mut references: HashMap<Vec<(String, String)>, usize> = HashMap::new();
-    for row in rows().filter(|&row| is_reference(row)) {
-        references.entry(others(row)).or_insert(row);
+    for row in (0..jobs.rows()).filter(|&row| is_reference(jobs, options, row)) {
+        references.entry(others(jobs, axes, options, row)).or_insert(row);
     }
-    let (mut ranks, mut names) = (Vec::new(), Vec::new());
-    let mut numbers: [Vec<Option<f64>>; 4] = Default::default();
-    for row in rows().filter(|&row| !is_reference(row)) {
-        let others = others(row);
-        let reference = references.get(&others).copied();
-        let (Some(now), Some(before)) = (load(row), reference.and_then(load)) else { continue };
-        let before: HashMap<&str, f64> = before.iter().copied().collect();
-        let mut changes: Vec<Change> = (now.iter())
-            .filter_map(|(muscle, value)| {
-                // By name: a muscle that acts on nothing in one of the jobs has no row there.
-                let reference = *before.get(muscle)?;
-                Some(Change { muscle: (*muscle).to_owned(), reference, value: *value })
-            })
-            .collect();
-        changes.sort_by(|a, b| (b.value - b.reference).abs().total_cmp(&(a.value - a.reference).abs()));
-        let here: Vec<String> = others.into_iter().map(|(axis, value)| format!("{axis} = {value}")).collect();
-        let here = if here.is_empty() { String::new() } else { format!(" ({})", here.join(", ")) };
-        if options.out.is_none() {
-            print(&format!("\n{} = {}{here}: {}", options.axis, value(row), options.measure));
-        }
-        for (k, change) in changes.iter().enumerate() {
-            let by = change.value - change.reference;
-            let relative = (change.reference != 0.0).then(|| by / change.reference);
-            if options.out.is_none() && k < 10 {
-                let percent = relative.map_or(String::new(), |r| format!("{:+.1} %", 100.0 * r));
-                let Change { muscle, reference, value } = change;
-                print(&format!("{:>3}  {muscle:<28} {reference:>10.3} → {value:>10.3}  {by:>+10.3}  {percent}", k + 1));
-            }
-            for (axis, column) in &mut columns {
-                column.push(jobs.display(axis, row));
-            }
-            ranks.push(Some(k as i64 + 1));
-            names.push(Some(change.muscle.clone()));
-            let four = [Some(change.reference), Some(change.value), Some(by), relative];
-            numbers.iter_mut().zip(four).for_each(|(column, x)| column.push(x));
-        }
-    }
-    if let Some(out) = options.out {
-        let mut all: Vec<(String, Values)> =
-            columns.into_iter().map(|(axis, values)| (axis, Values::Text(values))).collect();
-        all.push(("rank".to_owned(), Values::Integer(ranks)));
-        all.push(("muscle".to_owned(), Values::Text(names)));
-        let measure = options.measure;
-        let heads =
-            [format!("reference_{measure}"), measure.to_owned(), format!("change_{measure}"), "relative_change".into()];
-        all.extend(heads.into_iter().zip(numbers.map(Values::Number)));
-        let table = Table { name: "ranking", columns: all };
-        let rows = table.rows();
-        let metadata = vec![("sinew.axis".to_owned(), options.axis.to_owned())];
-        if let Some(path) = write_table(&table, metadata, Some(out))? {
-            print(&format!("{rows} row(s): {}", path.display()));
-        }
-    }
-    Ok(GOOD)
+    let ranking = |row: usize| {
+        let reference = *references.get(&others(jobs, axes, options, row))?;
+        let before: HashMap<&str, f64> = load(reference)?.iter().copied().collect();
+        // By name: a muscle that acts on nothing in one of the jobs has no row there.
+        let change = |&(muscle, value): &(&str, f64)| {
+            let reference = *before.get(muscle)?;
+            Some(Change { muscle: muscle.to_owned(), reference, value })
+        };
+        let mut changes: Vec<Change> = load(row)?.iter().filter_map(change).collect();
+        changes.sort_by(|a, b| b.difference().abs().total_cmp(&a.difference().abs()));
+        Some(Ranking { row, changes })
+    };
+    (0..jobs.rows()).filter(|&row| !is_reference(jobs, options, row)).filter_map(ranking).collect()
+}
+
+fn print_ranking(jobs: &Table, axes: &[String], options: &Options<'_>, ranking: &Ranking) {
+    let others = others(jobs, axes, options, ranking.row);
+    let here: Vec<String> = others.into_iter().map(|(axis, value)| format!("{axis} = {value}")).collect();
+    let here = if here.is_empty() { String::new() } else { format!(" ({})", here.join(", ")) };
+    let value = jobs.display(options.axis, ranking.row).unwrap_or_default();
+    print("");
+    print(&heading(&format!("{} = {value}{here}: {}", options.axis, options.measure)));
+    let first = &ranking.changes[..FIRST.min(ranking.changes.len())];
+    let number = |of: fn(&Change) -> f64| first.iter().map(|change| format!("{:.3}", of(change))).collect();
+    let mut sheet = Sheet::default();
+    sheet.text("muscle", 0, first.iter().map(|change| change.muscle.clone()).collect());
+    sheet.number("reference", 1, number(|change| change.reference)).number("value", 1, number(|change| change.value));
+    sheet.number("change", 0, first.iter().map(|change| format!("{:+.3}", change.difference())).collect());
+    let percent = |change: &Change| change.relative().map_or(String::new(), |r| format!("{:+.1} %", 100.0 * r));
+    sheet.number("relative", 0, first.iter().map(percent).collect());
+    sheet.print(options.look.wide);
+}
+
+/// All muscles of all jobs: swept values, rank, muscle, reference, value, change and relative change.
+fn table(jobs: &Table, axes: &[String], measure: &str, rankings: &[Ranking]) -> Table {
+    let rows = || rankings.iter().flat_map(|r| r.changes.iter().enumerate().map(move |(k, change)| (r.row, k, change)));
+    let number = |of: fn(&Change) -> Option<f64>| Values::Number(rows().map(|(_, _, change)| of(change)).collect());
+    let mut columns: Vec<(String, Values)> = (axes.iter())
+        .map(|axis| (axis.clone(), Values::Text(rows().map(|(row, ..)| jobs.display(axis, row)).collect())))
+        .collect();
+    columns.extend([
+        ("rank".to_owned(), Values::Integer(rows().map(|(_, k, _)| Some(k as i64 + 1)).collect())),
+        ("muscle".to_owned(), Values::Text(rows().map(|(_, _, change)| Some(change.muscle.clone())).collect())),
+        (format!("reference_{measure}"), number(|change| Some(change.reference))),
+        (measure.to_owned(), number(|change| Some(change.value))),
+        (format!("change_{measure}"), number(|change| Some(change.difference()))),
+        ("relative_change".to_owned(), number(Change::relative)),
+    ]);
+    Table { name: "ranking", columns }
 }

@@ -10,8 +10,9 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use crate::error::Result;
-use crate::run::{Ended, RunOptions, collect, default_folder, run as run_study};
+use crate::run::{Ended, RunOptions, Shard, collect, default_folder, run as run_study};
 use crate::study::Study;
+use crate::terminal;
 
 /// Runs a study; `options.out` is empty for the usual folder.
 pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
@@ -22,37 +23,43 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
     stop_at_signals(Arc::clone(&stop));
     notes(&study)?;
     let report = run_study(&study, &options, &stop)?;
-    match options.shard {
-        None => {
-            show::show(&out, false)?;
-            print("");
-        }
-        Some(shard) => print(&format!("shard {}/{} of {}", shard.index, shard.count, study.name)),
+    if options.shard.is_none() && !terminal::is_quiet() {
+        show::print_all(&out, false, false)?;
+        print("");
     }
-    let kept = if report.kept > 0 { format!(" ({} of them from an earlier run)", report.kept) } else { String::new() };
-    let place = if options.shard.is_some() { "`sinew merge` makes the tables in" } else { "tables in" };
-    print(&format!("{} of {} job(s) finished{kept}, {place} {}", report.finished, report.jobs, out.display()));
-    match report.ended {
+    let kept = if report.kept > 0 { format!(" ({} of them earlier)", report.kept) } else { String::new() };
+    let finished = format!("{} of {} jobs finished{kept}", report.finished, report.jobs);
+    let code = match report.ended {
         Ended::Interrupted => {
-            print("interrupted: run the same command again to go on");
-            Ok(INTERRUPTED)
+            print("Interrupted: run the same command again to continue.");
+            INTERRUPTED
         }
         Ended::FirstFailure => {
             print(
-                "stopped at a failed job, as on_failure = \"stop\" asks: run again to go on with the others, with --failed to \
-                 solve it again",
+                "Stopped at a failed job, as on_failure = \"stop\" asks. Run again to continue with the others, or with \
+                 --failed to solve it again.",
             );
-            Ok(FAILED_JOBS)
+            FAILED_JOBS
         }
         Ended::Complete if report.failed > 0 => {
-            print(&format!(
-                "{} job(s) did not converge: see status and error in jobs.parquet; --failed solves them again",
-                report.failed
-            ));
-            Ok(FAILED_JOBS)
+            print(&format!("{} jobs did not converge; --failed solves them again.", report.failed));
+            FAILED_JOBS
         }
-        Ended::Complete => Ok(GOOD),
+        Ended::Complete => GOOD,
+    };
+    let folder = out.display();
+    match options.shard {
+        Some(Shard { index, count }) => {
+            print(&format!("Shard {index}/{count}: {finished}; `sinew merge {folder}` makes the tables"));
+        }
+        None => {
+            if code == GOOD && !terminal::is_quiet() {
+                print(&format!("Next: sinew report {folder}"));
+            }
+            print(&format!("{finished}; results in {folder}"));
+        }
     }
+    Ok(code)
 }
 
 /// Ctrl-C, `kill` and a terminal that is closed stop a run after the jobs at work; the first two again stop it now.
@@ -68,7 +75,9 @@ fn stop_at_signals(stop: Arc<AtomicBool>) {
             if stop.swap(true, Ordering::Relaxed) && signal != SIGHUP {
                 std::process::exit(i32::from(INTERRUPTED));
             }
-            note("\nstopping after the jobs at work; everything finished is kept (Ctrl-C again stops now)");
+            note(
+                "\nstopping when the running jobs are finished; all finished jobs are kept (Ctrl-C again stops at once)",
+            );
         }
     });
 }
@@ -89,17 +98,19 @@ fn notes(study: &Study) -> Result<()> {
 /// Makes the tables from what all shards have finished.
 pub fn merge(dir: &Path) -> Result<u8> {
     let (study, collected) = collect::merge(dir)?;
-    show::show(dir, false)?;
-    print("");
-    print(&format!("{} of {} job(s) finished, tables in {}", collected.finished(), collected.jobs, dir.display()));
+    if !terminal::is_quiet() {
+        show::print_all(dir, false, false)?;
+        print("");
+    }
     let missing = collected.jobs - collected.finished();
+    let folder = dir.display();
     if missing > 0 {
+        let file = study.sources.study.path.display();
         print(&format!(
-            "{missing} job(s) are missing: `sinew status {}` names them; run their shards again, or `sinew run {} --out {}`",
-            dir.display(),
-            study.sources.study.path.display(),
-            dir.display()
+            "{missing} jobs are missing: `sinew status {folder}` names them. Run their shards again, or `sinew run {file} \
+             --out {folder}`."
         ));
     }
+    print(&format!("{} of {} jobs finished; results in {folder}", collected.finished(), collected.jobs));
     Ok(if missing + collected.failed() > 0 { FAILED_JOBS } else { GOOD })
 }

@@ -2,6 +2,7 @@
 //!
 //! SI units, angles in degrees where the key says `_deg`. `data/models/arm.toml` is a commented example.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Model;
@@ -15,23 +16,29 @@ use super::planar::Planar;
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 use crate::names;
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelFile {
+    /// Name of the model.
     pub name: String,
     /// Where the numbers come from and under which licence.
     pub source: Option<String>,
-    /// m/s²
+    /// Acceleration of gravity in the ground frame, m/s².
     #[serde(default = "earth")]
     pub gravity: [f64; 2],
+    /// Shape of the force–velocity curve.
     #[serde(default)]
     pub curves: CurvesEntry,
+    /// Rigid bodies; `ground` is always there.
     #[serde(default)]
     pub body: Vec<BodyEntry>,
+    /// Joints between bodies; more joints than bodies close loops.
     #[serde(default)]
     pub joint: Vec<JointEntry>,
+    /// Musculotendons.
     #[serde(default)]
     pub muscle: Vec<MuscleEntry>,
+    /// Constant external forces.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
 }
@@ -40,12 +47,12 @@ fn earth() -> [f64; 2] {
     [0.0, -9.81]
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CurvesEntry {
-    /// Force at infinite lengthening velocity, eq. (8).
+    /// Force at infinite lengthening velocity relative to the isometric force, eq. (8).
     pub eccentric_limit: f64,
-    /// b3 of eq. (9).
+    /// Curvature of the shortening branch, b3 of eq. (9); between 0 and 1.
     pub shortening_curvature: f64,
 }
 
@@ -79,36 +86,44 @@ impl CurvesEntry {
     }
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyEntry {
+    /// Name of the body.
     pub name: String,
-    /// kg
+    /// Mass, kg.
     pub mass: f64,
-    /// In the body's frame, m.
+    /// Centre of mass in the body's frame, m.
     pub centre_of_mass: [f64; 2],
-    /// About the centre of mass, kg m².
+    /// Moment of inertia about the centre of mass, kg m².
     pub inertia: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum JointEntryKind {
+    /// a hinge
     Revolute,
+    /// a slider along `axis`
     Prismatic,
+    /// no motion
     Weld,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointEntry {
+    /// Name of the joint.
     pub name: String,
+    /// What the joint allows.
     pub kind: JointEntryKind,
     /// `ground` or a body.
     pub parent: String,
-    /// In the parent's frame, m.
+    /// The joint in the parent's frame, m.
     pub parent_point: [f64; 2],
+    /// The other body.
     pub child: String,
+    /// The joint in the child's frame, m.
     pub child_point: [f64; 2],
     /// Name of the joint coordinate in motion files; leave it out on a joint that only closes a loop.
     pub coordinate: Option<String>,
@@ -119,35 +134,39 @@ pub struct JointEntry {
     pub axis: Option<[f64; 2]>,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointEntry {
+    /// `ground` or a body.
     pub body: String,
+    /// The point in the body's frame, m.
     pub point: [f64; 2],
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MuscleEntry {
+    /// Name of the muscle.
     pub name: String,
-    /// N
+    /// Maximum isometric force of the fibres, N.
     pub max_isometric_force: f64,
-    /// m
+    /// Optimal fibre length, m.
     pub optimal_fibre_length: f64,
-    /// m
+    /// Tendon slack length, m.
     pub tendon_slack_length: f64,
+    /// Pennation angle at the optimal fibre length, degrees.
     #[serde(default)]
     pub pennation_angle_deg: f64,
-    /// s
+    /// Activation time constant, s.
     #[serde(default = "thesis_time")]
     pub activation_time: f64,
-    /// s
+    /// Deactivation time constant, s.
     #[serde(default = "thesis_time")]
     pub deactivation_time: f64,
-    /// Optimal fibre lengths a second.
+    /// Largest shortening velocity, optimal fibre lengths per second.
     #[serde(default = "thesis_velocity")]
     pub max_shortening_velocity: f64,
-    /// Origin, via points, insertion.
+    /// Origin, via points, insertion: at least two points.
     pub path: Vec<PointEntry>,
 }
 
@@ -159,22 +178,29 @@ fn thesis_velocity() -> f64 {
     1.0
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceEntry {
+    /// Name of the force.
     pub name: String,
+    /// The body it acts on.
     pub body: String,
-    /// In the body's frame, m.
+    /// Point of application in the body's frame, m.
     #[serde(default)]
     pub point: [f64; 2],
-    /// In the ground frame, N.
+    /// The force in the ground frame, N.
     pub force: [f64; 2],
-    /// N m
+    /// A moment beside it, N m.
     #[serde(default)]
     pub moment: f64,
 }
 
 impl ModelFile {
+    /// The JSON Schema of a planar model file.
+    pub fn schema() -> serde_json::Value {
+        schemars::schema_for!(Self).to_value()
+    }
+
     /// Reads and checks a model file.
     ///
     /// # Errors

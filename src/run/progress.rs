@@ -1,7 +1,7 @@
-//! Progress on the terminal: one bar with ETA and counts by status; plain lines where there is no terminal.
+//! Progress on the terminal: a bar with ETA and counts by status; plain lines where there is no terminal.
 //!
-//! A thread of its own draws what it finds counted, so that a terminal that is stopped, full or gone does not hold up the
-//! thread that keeps finished jobs.
+//! A separate thread draws it, so that a terminal that is stopped, full or gone does not delay the thread that writes
+//! finished jobs.
 
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
@@ -12,19 +12,19 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::outcome::Status;
-use crate::terminal::{note, visible};
+use crate::terminal::{self, note, visible};
 
-/// Failures shown while a run is at work.
+/// Failures shown during a run.
 const FAILURES_SHOWN: usize = 10;
 const DRAW_EVERY: Duration = Duration::from_millis(250);
 const LINE_EVERY: Duration = Duration::from_secs(10);
-/// How long the end of a run waits for the last line.
+/// How long the end of a run waits for the last line to be drawn.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Where finished jobs are counted.
+/// Counts finished jobs.
 pub struct Progress {
     state: Arc<Mutex<State>>,
-    /// Hung up to end the thread that draws.
+    /// Dropped to end the drawing thread.
     end: Option<Sender<()>>,
     ended: Receiver<()>,
 }
@@ -32,8 +32,8 @@ pub struct Progress {
 #[derive(Clone, Default)]
 struct State {
     counts: BTreeMap<Status, usize>,
-    /// Failures that are not on the terminal yet.
-    failures: Vec<String>,
+    /// Lines that are not on the terminal yet.
+    lines: Vec<String>,
 }
 
 impl State {
@@ -67,20 +67,25 @@ impl Progress {
         Self { state, end: Some(end), ended }
     }
 
-    /// Counts a job; the first that fail are shown.
+    /// Counts a job and shows the first that fail; every job with `--verbose`.
     pub fn finished(&self, index: usize, status: Status, error: Option<&str>) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         *state.counts.entry(status).or_default() += 1;
+        if terminal::is_verbose() {
+            let reason = error.map(|error| format!(": {error}")).unwrap_or_default();
+            state.lines.push(format!("job {index}: {}{reason}", status.name()));
+            return;
+        }
         if status == Status::Converged {
             return;
         }
         match state.failed() {
             0..=FAILURES_SHOWN => {
                 let text = format!("job {index}: {}: {}", status.name(), error.unwrap_or("no reason given"));
-                state.failures.push(text);
+                state.lines.push(text);
             }
             failed if failed == FAILURES_SHOWN + 1 => {
-                state.failures.push("… further failed jobs are counted only".to_owned());
+                state.lines.push("… more failed jobs are only counted".to_owned());
             }
             _ => {}
         }
@@ -96,8 +101,8 @@ impl Progress {
 
 fn taken(state: &Mutex<State>) -> State {
     let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
-    let failures = std::mem::take(&mut state.failures);
-    State { failures, ..state.clone() }
+    let lines = std::mem::take(&mut state.lines);
+    State { lines, ..state.clone() }
 }
 
 struct Screen {
@@ -105,35 +110,35 @@ struct Screen {
     total: usize,
     started: Instant,
     last_line: Instant,
-    /// Jobs done that a line has told of.
-    told: usize,
+    /// Jobs that the last line counted.
+    counted: usize,
 }
 
 impl Screen {
     fn new(total: usize) -> Self {
-        let style = ProgressStyle::with_template("{elapsed_precise} [{bar:32}] {pos}/{len} jobs, ETA {eta}  {msg}")
+        let style = ProgressStyle::with_template("{elapsed_precise} [{bar:24}] {pos}/{len} jobs, ETA {eta}  {msg}")
             .expect("the template is valid")
             .progress_chars("=> ");
-        let bar =
-            (total > 0 && std::io::stderr().is_terminal()).then(|| ProgressBar::new(total as u64).with_style(style));
+        let is_shown = total > 0 && std::io::stderr().is_terminal() && !terminal::is_quiet();
+        let bar = is_shown.then(|| ProgressBar::new(total as u64).with_style(style));
         let now = Instant::now();
-        Self { bar, total, started: now, last_line: now, told: 0 }
+        Self { bar, total, started: now, last_line: now, counted: 0 }
     }
 
     fn draw(&mut self, state: State) {
         let done = state.done();
-        for failure in &state.failures {
+        for line in &state.lines {
             match &self.bar {
-                Some(bar) => bar.println(visible(failure)),
-                None => note(failure),
+                Some(bar) => bar.println(visible(line)),
+                None => note(line),
             }
         }
         if let Some(bar) = &self.bar {
             bar.set_message(state.summary());
             bar.set_position(done as u64);
             bar.tick();
-        } else if done > self.told && (done == self.total || self.last_line.elapsed() >= LINE_EVERY) {
-            (self.last_line, self.told) = (Instant::now(), done);
+        } else if done > self.counted && (done == self.total || self.last_line.elapsed() >= LINE_EVERY) {
+            (self.last_line, self.counted) = (Instant::now(), done);
             let elapsed = self.started.elapsed().as_secs_f64();
             let left = elapsed / done as f64 * (self.total - done) as f64;
             note(&format!("{done}/{} jobs after {elapsed:.1} s, ETA {left:.0} s: {}", self.total, state.summary()));

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::frame::Frame;
@@ -22,30 +23,39 @@ pub(super) type Checked<T> = std::result::Result<T, Issue>;
 pub const GROUND: &str = "ground";
 
 /// A spatial model as written in its file.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SkeletonFile {
+    /// Name of the model.
     pub name: String,
     /// Where the data come from, and their licence.
     pub source: Option<String>,
     /// Must be 3. Files of planar models do not have this key.
     pub dimensions: u8,
+    /// Rigid bodies; `ground` is always there.
     pub body: Vec<BodyEntry>,
+    /// Joints: a tree from the ground.
     pub joint: Vec<JointEntry>,
+    /// Joint coordinates.
     pub coordinate: Vec<CoordinateEntry>,
+    /// Surfaces that muscles wrap around.
     #[serde(default)]
     pub surface: Vec<SurfaceEntry>,
+    /// Musculotendons.
     #[serde(default)]
     pub muscle: Vec<MuscleEntry>,
     /// Point constraints: points of two bodies that must coincide.
     #[serde(default)]
     pub held_point: Vec<HeldPointEntry>,
+    /// External forces.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
+    /// What `motion.abduction_offset_deg` turns.
     pub abduction: Option<AbductionEntry>,
-    /// m/s²
+    /// Acceleration of gravity in the ground frame, m/s².
     #[serde(default = "earth")]
     pub gravity: [f64; 3],
+    /// Shape of the force–velocity curve.
     #[serde(default)]
     pub curves: CurvesEntry,
     /// Defaults for muscles that do not set these values.
@@ -57,14 +67,14 @@ fn earth() -> [f64; 3] {
     [0.0, -9.81, 0.0]
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MusclesEntry {
-    /// s
+    /// Activation time constant, s.
     pub activation_time: f64,
-    /// s
+    /// Deactivation time constant, s.
     pub deactivation_time: f64,
-    /// Optimal fibre lengths per second.
+    /// Largest shortening velocity, optimal fibre lengths per second.
     pub max_shortening_velocity: f64,
     /// Tendons with a slack length below this are rigid, m.
     pub rigid_tendon_below: f64,
@@ -77,10 +87,12 @@ impl Default for MusclesEntry {
     }
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeldPointEntry {
+    /// Name of the constraint.
     pub name: String,
+    /// The two bodies.
     pub bodies: [String; 2],
     /// One point in each body's frame, m.
     pub points: [[f64; 3]; 2],
@@ -89,15 +101,17 @@ pub struct HeldPointEntry {
 /// An external force on a body.
 ///
 /// Without `force`, the motion file supplies it over time in the columns `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceEntry {
+    /// Name of the force.
     pub name: String,
+    /// The body it acts on.
     pub body: String,
-    /// In the body's frame, m.
+    /// Point of application in the body's frame, m.
     #[serde(default)]
     pub point: [f64; 3],
-    /// In the axes of the ground, N.
+    /// The force in the axes of the ground, N; without it the motion file has it over time.
     pub force: Option<[f64; 3]>,
     /// Factor on the force.
     #[serde(default = "one")]
@@ -109,7 +123,7 @@ fn one() -> f64 {
 }
 
 /// The rotation by which a study adds abduction to the motion.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AbductionEntry {
     /// The body that turns, with everything attached to it.
@@ -122,17 +136,18 @@ pub struct AbductionEntry {
     pub long_axis: [f64; 3],
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyEntry {
+    /// Name of the body.
     pub name: String,
-    /// kg
+    /// Mass, kg.
     pub mass: f64,
-    /// In the body's frame, m.
+    /// Centre of mass in the body's frame, m.
     pub centre_of_mass: [f64; 3],
-    /// xx, yy, zz, xy, xz, yz about the centre of mass, kg m².
+    /// Moments and products of inertia xx, yy, zz, xy, xz, yz about the centre of mass, kg m².
     pub inertia: [f64; 6],
-    /// `free` (moves by forces), `given` (by the motion file) or `girdle` (by the study's `girdle` setting).
+    /// What moves the body in a study.
     #[serde(default = "free")]
     pub role: Role,
 }
@@ -141,54 +156,69 @@ fn free() -> Role {
     Role::Free
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum JointEntryKind {
+    /// no motion
     Weld,
+    /// translations and rotations along and about axes
     Axes,
+    /// sliding on an ellipsoid, as the scapula on the thorax
     Ellipsoid,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointEntry {
+    /// Name of the joint.
     pub name: String,
+    /// What the joint allows.
     pub kind: JointEntryKind,
     /// `ground` or a body.
     pub parent: String,
+    /// The body that moves against the parent.
     pub child: String,
+    /// Origin of the joint frame in the parent's frame, m.
     #[serde(default)]
     pub parent_point: [f64; 3],
+    /// Body-fixed rotations about x, y and z of the joint frame in the parent's, rad.
     #[serde(default)]
     pub parent_rotation: [f64; 3],
+    /// Origin of the joint frame in the child's frame, m.
     #[serde(default)]
     pub child_point: [f64; 3],
+    /// Body-fixed rotations of the joint frame in the child's, rad.
     #[serde(default)]
     pub child_rotation: [f64; 3],
-    /// Of an `axes` joint, in the joint frame on the parent. Each rotation turns the axes after it.
+    /// Of an `axes` joint: translations, in the joint frame on the parent.
     #[serde(default)]
     pub translations: Vec<AxisEntry>,
+    /// Of an `axes` joint: rotations, each of which turns the axes after it.
     #[serde(default)]
     pub rotations: Vec<AxisEntry>,
-    /// Of an ellipsoid joint, m.
+    /// Of an ellipsoid joint: radii along x, y and z, m.
     pub radii: Option<[f64; 3]>,
     /// Of an ellipsoid joint: abduction, elevation, upward rotation, winging.
     pub coordinates: Option<[String; 4]>,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisEntry {
+    /// The coordinate that moves it.
     pub coordinate: String,
+    /// Its direction.
     pub axis: [f64; 3],
     /// Translation (m) or rotation (rad) as a function of the coordinate; the coordinate itself if absent.
     pub by: Option<FunctionEntry>,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CoordinateEntry {
+    /// Name of the coordinate, as in motion files.
     pub name: String,
+    /// Value where nothing else is said, rad or m.
     #[serde(default)]
     pub default: f64,
     /// Fixed at its default in a study.
@@ -200,111 +230,146 @@ pub struct CoordinateEntry {
     pub follows: Option<FollowsEntry>,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FollowsEntry {
+    /// The other coordinate.
     pub coordinate: String,
+    /// The function of it.
     pub by: FunctionEntry,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SurfaceKind {
+    /// of `radius`
     Sphere,
+    /// of `radius` and `length` about z
     Cylinder,
+    /// of `radii`
     Ellipsoid,
+    /// of `ring_radius` and `radius` about z
     Torus,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SurfaceEntry {
+    /// Name of the surface.
     pub name: String,
+    /// Its shape.
     pub kind: SurfaceKind,
+    /// `ground` or a body.
     pub body: String,
+    /// Its centre in the body's frame, m.
     #[serde(default)]
     pub point: [f64; 3],
+    /// Body-fixed rotations of its frame in the body's, rad.
     #[serde(default)]
     pub rotation: [f64; 3],
-    /// Of a sphere, a cylinder or the tube of a torus, m.
+    /// Of a sphere, a cylinder or the tube of a torus: its radius, m.
     pub radius: Option<f64>,
-    /// Of an ellipsoid, m.
+    /// Of an ellipsoid: radii along x, y and z, m.
     pub radii: Option<[f64; 3]>,
-    /// Of the centre line of a torus's tube, m. It lies in the plane z = 0.
+    /// Of a torus: radius of the centre line of its tube, m. It lies in the plane z = 0.
     pub ring_radius: Option<f64>,
     /// The half of the surface that paths must take: `x`, `-x`, `y`, `-y`, or (except for a cylinder) `z`, `-z`. Either
     /// half if absent.
     pub side: Option<String>,
-    /// Of a cylinder, m; infinite if absent. The length of a path jumps where the path slips off an end.
+    /// Of a cylinder: its length, m; infinite if absent. The length of a path jumps where the path slips off an end.
     pub length: Option<f64>,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointEntry {
     /// `ground` or a body.
     pub body: String,
+    /// The point in the body's frame, m.
     #[serde(default)]
     pub point: [f64; 3],
+    /// Moves the point in proportion to a coordinate.
     pub moves: Option<MovesEntry>,
-    /// Functions (m) added to the point's x, y and z.
+    /// A function of a coordinate that is added to the point's x, m.
     pub x: Option<FollowsEntry>,
+    /// … to its y, m.
     pub y: Option<FollowsEntry>,
+    /// … to its z, m.
     pub z: Option<FollowsEntry>,
     /// When the path passes through the point; always if absent.
     pub when: Option<WhenEntry>,
 }
 
 /// True while a coordinate (rad, m) is in a range.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WhenEntry {
+    /// The coordinate.
     pub coordinate: String,
+    /// Its range, rad or m.
     pub range: [f64; 2],
 }
 
 /// Moves a point by `slope` (m/rad) times a coordinate.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MovesEntry {
+    /// The coordinate.
     pub coordinate: String,
+    /// Displacement per unit of the coordinate, m/rad.
     pub slope: [f64; 3],
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MuscleEntry {
+    /// Name of the muscle.
     pub name: String,
-    /// N
+    /// Maximum isometric force of the fibres, N.
     pub max_isometric_force: f64,
-    /// m
+    /// Optimal fibre length, m.
     pub optimal_fibre_length: f64,
-    /// m
+    /// Tendon slack length, m.
     pub tendon_slack_length: f64,
-    /// rad
+    /// Pennation angle at the optimal fibre length, rad.
     #[serde(default)]
     pub pennation_angle: f64,
-    /// s
+    /// Activation time constant, s; that of `[muscles]` if absent.
     pub activation_time: Option<f64>,
-    /// s
+    /// Deactivation time constant, s; that of `[muscles]` if absent.
     pub deactivation_time: Option<f64>,
-    /// Optimal fibre lengths per second.
+    /// Largest shortening velocity, optimal fibre lengths per second; that of `[muscles]` if absent.
     pub max_shortening_velocity: Option<f64>,
+    /// Whether the tendon is rigid; by `rigid_tendon_below` if absent.
     pub rigid_tendon: Option<bool>,
+    /// Origin, via points, insertion: at least two points.
     pub path: Vec<PointEntry>,
-    /// In the order in which they are placed on the path, as in OpenSim; see `skeleton/wrapping.rs`.
+    /// Surfaces that the path wraps around, in the order in which they are placed on it, as in OpenSim.
     #[serde(default)]
     pub surfaces: Vec<ObstacleEntry>,
 }
 
 /// A wrapping surface of a muscle: its name alone, or with the part (or first and last part) of the path that may wrap
 /// it. Part k lies between path points k and k + 1.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum ObstacleEntry {
+    /// its name
     Any(String),
-    Part { name: String, part: usize },
-    Parts { name: String, parts: [usize; 2] },
+    /// … with the one part that may wrap it
+    Part {
+        /// Name of the surface.
+        name: String,
+        /// The part, from 0.
+        part: usize,
+    },
+    /// … with the first and the last part that may wrap it
+    Parts {
+        /// Name of the surface.
+        name: String,
+        /// First and last part, from 0.
+        parts: [usize; 2],
+    },
 }
 
 impl PointEntry {
@@ -348,6 +413,11 @@ impl ObstacleEntry {
 }
 
 impl SkeletonFile {
+    /// The JSON Schema of a spatial model file.
+    pub fn schema() -> serde_json::Value {
+        schemars::schema_for!(Self).to_value()
+    }
+
     /// True if the table is a spatial model.
     pub fn is_one(table: &toml::Table) -> bool {
         table.contains_key("dimensions")

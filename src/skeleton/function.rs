@@ -7,7 +7,7 @@ use crate::numerics::Scalar;
 use crate::numerics::cubic::{CubicSpline, Ends};
 
 /// A function as written in a model file. Its argument is in rad or m.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FunctionEntry {
     /// Coefficients, the constant first: `[offset, slope]` is a line.

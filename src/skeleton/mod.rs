@@ -46,14 +46,14 @@ pub struct Skeleton {
 }
 
 /// What determines the motion of a body in a study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// Forces.
+    /// forces
     Free,
-    /// The motion file.
+    /// the motion file
     Given,
-    /// The study's variant of the shoulder girdle.
+    /// what the study's `girdle` setting says
     Girdle,
 }
 

@@ -94,9 +94,9 @@ macro_rules! choices {
 choices! {
     /// How the continuous problem is transcribed.
     Scheme {
-        /// The thesis' B-spline collocation: serves Table 1, and rings.
+        /// the thesis' B-spline collocation, for Table 1; fibre velocities ring
         Midpoint = "midpoint",
-        /// Radau IIA collocation of the stabilised index-2 form: for results to act on.
+        /// Radau IIA collocation of the stabilised index-2 form, for results to rely on
         Radau = "radau",
     }
 }
@@ -104,23 +104,29 @@ choices! {
 choices! {
     /// How fibre lengths start (radau).
     Initial {
-        /// l̇_m = 0 at the first point.
+        /// the fibres do not move at the start: l̇_m = 0
         Equilibrium = "equilibrium",
-        /// Ill-posed by construction: the initial length acts through the first step only.
+        /// the lengths are unknowns; ill-posed, because they act through the first step only
         Free = "free",
     }
 }
 
 choices! {
-    /// Which bounds are imposed at every collocation point.
+    /// Which bounds are imposed at every collocation point; where a ≥ 0 is not, f_m ≥ 0 is.
     Bounds {
+        /// no bounds
         None = "none",
+        /// a ≥ 0
         Activation = "activation",
+        /// u ≥ 0
         Excitation = "excitation",
+        /// a ≥ 0 and u ≥ 0
         Both = "both",
-        /// With the upper bound 1.
+        /// 0 ≤ a ≤ 1
         ActivationBoxed = "activation_boxed",
+        /// 0 ≤ u ≤ 1
         ExcitationBoxed = "excitation_boxed",
+        /// 0 ≤ a ≤ 1 and 0 ≤ u ≤ 1
         BothBoxed = "both_boxed",
     }
 }
@@ -128,33 +134,33 @@ choices! {
 choices! {
     /// Where activation enters the objective.
     LoadSharingGrid {
-        /// At the measured instants t̂ (Table 1, first block).
+        /// at the measured instants t̂ (Table 1, first block)
         Measurement = "measurement",
-        /// At the collocation points t (Table 1, second block).
+        /// at the collocation points t (Table 1, second block)
         Collocation = "collocation",
     }
 }
 
 choices! {
-    /// What a job starts from.
+    /// What a job starts from; part of its identity.
     WarmStart {
-        /// Inverse dynamics.
+        /// a guess by inverse dynamics
         Off = "off",
-        /// Its own solution on a mesh of half as many intervals, and that likewise, down to about ten.
+        /// its own solution on a mesh of half as many intervals, itself started so, down to about ten
         Mesh = "mesh",
-        /// The solution of the job before it, where only the last axis differs.
+        /// the solution of the job before it, where only the last axis differs, in blocks of at most 16
         Neighbour = "neighbour",
     }
 }
 
 choices! {
-    /// The shoulder girdle of a spatial model.
+    /// The shoulder girdle of a spatial model: bodies of the role `girdle`.
     Girdle {
-        /// Stays as it is at the start of the motion.
+        /// clavicle and scapula stay as at the start; the arm keeps its directions in space
         Fixed = "fixed",
-        /// Moves as the motion file says.
+        /// they move as the motion file says
         Prescribed = "prescribed",
-        /// Moves by forces, its muscles acting on it.
+        /// they move by forces, their muscles acting on them
         Equilibrium = "equilibrium",
     }
 }
@@ -172,8 +178,11 @@ impl From<Girdle> for crate::skeleton::Girdle {
 choices! {
     /// When ranks are taken.
     RegularityMode {
+        /// at every iterate and at the optimum
         EveryIteration = "every_iteration",
+        /// at the optimum only, which is quicker
         Optimum = "optimum",
+        /// never; no verdicts on uniqueness and no sensitivities
         Off = "off",
     }
 }
@@ -206,49 +215,51 @@ impl Bounds {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Settings {
-    /// Load-sharing parameter μ of eq. (26).
+    /// Load-sharing parameter μ: the objective has the term μ²/2 ‖a‖², eq. (26).
     #[schemars(range(min = 0.0, max = 1e6))]
     pub mu: f64,
-    /// Distance of collocation points, s; divides the duration.
+    /// Length of an interval of the mesh, s; must divide the duration of the motion.
     #[schemars(range(min = 1e-6, max = 1e6))]
     pub h: f64,
     pub scheme: Scheme,
-    /// Radau points per interval.
+    /// Radau points per interval. Default 3 in the plane and 1 in space, where three take about ten times as long and do
+    /// not always converge. One is quick, but overestimates the effort on coarse meshes.
     #[schemars(range(min = 1, max = 3))]
     pub stages: usize,
     pub initial: Initial,
     pub bounds: Bounds,
-    /// Of a spatial model.
     #[serde(skip_serializing_if = "is_prescribed")]
     pub girdle: Girdle,
     pub load_sharing_grid: LoadSharingGrid,
-    /// Measured instants per interval; null for twice the collocation points per interval.
+    /// Measured instants per interval; by default twice the collocation points per interval.
     #[schemars(range(min = 1, max = 1000))]
     pub measurement_ratio: Option<usize>,
-    /// Standard deviation of noise on measured body coordinates, m and rad.
+    /// Standard deviation of seeded normal noise on measured body coordinates, m and rad.
     #[schemars(range(min = 0.0, max = 1e3))]
     pub noise_sd: f64,
-    /// Low-pass cut-off for the motion, Hz; 0 for none.
+    /// Cut-off of a zero-lag Butterworth low-pass on the motion, Hz; 0 for none.
     #[schemars(range(min = 0.0, max = 1e6))]
     pub smoothing_hz: f64,
-    /// Start guesses: the first by inverse dynamics, the others that one disturbed.
+    /// Start guesses to solve from: the first by inverse dynamics, the others that one disturbed at random.
     #[schemars(range(min = 1, max = 100_000))]
     pub starts: usize,
     /// Number of the first of them; 0 is the one by inverse dynamics.
     #[schemars(range(min = 0, max = 1_000_000))]
     pub first_start: usize,
     pub warm_start: WarmStart,
-    /// Of noise and of disturbed starts.
+    /// Seed of noise and of disturbed starts.
     pub seed: u64,
     pub regularity: RegularityMode,
-    /// Store functions of time.
+    /// Whether to store functions of time in `trajectories.parquet`.
     pub trajectories: bool,
+    /// Limit of a solve, in SQP iterations. A solve that is stuck or reaches it is restarted once with other options,
+    /// unless the limit is below 40.
     #[schemars(range(min = 0, max = 1_000_000))]
     pub max_iterations: usize,
-    /// Wall-clock limit of one job, s; null for none.
+    /// Limit of a job in wall-clock time, s, ranks included; by default none. It is checked before each factorisation.
     #[schemars(range(min = 0.0, max = 1e9))]
     pub time_limit_s: Option<f64>,
-    /// A job that is foreseen to take more memory is not begun, MB.
+    /// A job that is estimated to need more memory than this is not started, MB. Default 1000.
     #[schemars(range(min = 1.0, max = 1e9))]
     #[serde(skip_serializing_if = "is_usual_memory")]
     pub memory_limit_mb: f64,

@@ -69,8 +69,11 @@ impl Kind {
 /// Unit of a swept name: of a setting by its name, of a number of the model by the last key of its path. Empty for
 /// words.
 pub fn unit(name: &str) -> &'static str {
-    const BY_ENDING: [(&str, &str); 13] = [
+    const BY_ENDING: [(&str, &str); 16] = [
         ("_scale", "1"),
+        ("_rotation", "rad"),
+        (".rotation", "rad"),
+        (".axis", "1"),
         ("max_shortening_velocity", "optimal fibre lengths/s"),
         ("_hz", "Hz"),
         ("_deg", "degree"),
@@ -90,9 +93,17 @@ pub fn unit(name: &str) -> &'static str {
         "noise_sd" => "m, rad",
         "scheme" | "initial" | "bounds" | "girdle" | "load_sharing_grid" | "warm_start" | "regularity"
         | "trajectories" => "",
-        _ if name.contains("point.") || name.contains("centre_of_mass.") => "m",
+        _ if name.contains("point.") || name.contains("centre_of_mass.") || name.contains(".radii.") => "m",
         _ if name.starts_with("gravity.") => "m/s²",
         _ if name.contains(".force.") => "N",
-        _ => BY_ENDING.iter().find(|(ending, _)| name.ends_with(ending)).map_or("1", |(_, unit)| unit),
+        _ if [".radius", ".length", "rigid_tendon_below"].iter().any(|ending| name.ends_with(ending)) => "m",
+        _ if name.starts_with("coordinate.") => "rad or m",
+        _ if name.ends_with("pennation_angle") => "rad",
+        _ => {
+            // Entries of a list have the unit of the list.
+            let list = name.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.' || c == '*');
+            let fits = |(ending, _): &&(&str, &str)| name.ends_with(ending) || list.ends_with(ending);
+            BY_ENDING.iter().find(fits).map_or("1", |(_, unit)| unit)
+        }
     }
 }

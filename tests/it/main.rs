@@ -14,6 +14,7 @@ mod opensim;
 mod other_readers;
 mod output;
 mod radau;
+mod readmes;
 mod recheck;
 mod regularity;
 mod report;

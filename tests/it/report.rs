@@ -104,7 +104,7 @@ fn figures_are_svg_files_that_say_where_they_come_from() {
 
 #[test]
 fn the_gallery_is_of_the_shipped_studies_as_they_are() {
-    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    let readme = std::fs::read_to_string(root().join("results/README.md")).unwrap();
     let mut count = 0;
     for file in std::fs::read_dir(root().join("data/gallery")).unwrap().map(|file| file.unwrap()) {
         let name = file.file_name().into_string().unwrap();
@@ -114,8 +114,8 @@ fn the_gallery_is_of_the_shipped_studies_as_they_are() {
         for said in [study.hash(), svg::drawn_by()] {
             assert!(figure.contains(&said), "{name} is not of {said}: data/gallery/make.sh makes it anew");
         }
-        assert!(readme.contains(&format!("data/gallery/{name}")), "{name} is not in the README");
+        assert!(readme.contains(&format!("../data/gallery/{name}")), "{name} is not in the README");
         count += 1;
     }
-    assert_eq!(count, readme.matches("](data/gallery/").count(), "all images of the README are there");
+    assert_eq!(count, readme.matches("](../data/gallery/").count(), "all images of the README are there");
 }

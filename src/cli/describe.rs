@@ -1,0 +1,131 @@
+//! `sinew describe`: what each table and column means, from the list that the tables are made from.
+
+use std::path::Path;
+
+use super::arguments::{Format, Look};
+use super::layout::print_definition;
+use super::output::print_table;
+use super::{GOOD, print};
+use crate::error::{Error, Result};
+use crate::plausibility::KINDS;
+use crate::run::folder;
+use crate::tables::{self, Table, Values, axis_unit, schema};
+use crate::terminal::heading;
+
+/// A column to describe.
+struct Entry {
+    table: &'static str,
+    column: String,
+    kind: &'static str,
+    unit: &'static str,
+    meaning: String,
+}
+
+/// Describes all tables, or those of a results folder with its swept names.
+pub fn describe(dir: Option<&Path>, table: Option<&str>, look: Look) -> Result<u8> {
+    let wanted: Vec<&'static str> =
+        schema::TABLES.into_iter().filter(|name| table.is_none_or(|t| t == *name)).collect();
+    if let (Some(table), true) = (table, wanted.is_empty()) {
+        let reason = format!("tables: {}", schema::TABLES.join(", "));
+        return Err(Error::table("describe the table", Path::new(table), reason));
+    }
+    let mut entries = Vec::new();
+    for name in wanted {
+        match dir {
+            None => entries.extend(known(name)),
+            Some(dir) => entries.extend(of_folder(dir, name)?),
+        }
+    }
+    if let (Some(dir), true) = (dir, entries.is_empty()) {
+        return Err(Error::table("describe", dir, "there are no tables in it; `sinew run STUDY` makes them"));
+    }
+    match look.format {
+        Format::Table => for_people(&entries),
+        Format::Markdown => for_readme(&entries),
+        Format::Csv | Format::Json => print_table(&as_table(&entries), look)?,
+    }
+    Ok(GOOD)
+}
+
+fn known(name: &'static str) -> impl Iterator<Item = Entry> {
+    schema::about(name).into_iter().map(move |about| Entry {
+        table: name,
+        column: about.name.to_owned(),
+        kind: about.kind,
+        unit: about.unit,
+        meaning: about.meaning.to_owned(),
+    })
+}
+
+/// The columns that a table of a folder has; none if the table is not there.
+fn of_folder(dir: &Path, name: &'static str) -> Result<Vec<Entry>> {
+    let path = folder::table(dir, name);
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let table = tables::read(name, &path)?;
+    let mut about: Vec<Entry> = known(name).collect();
+    let swept = |column: &str, values: &Values| Entry {
+        table: name,
+        column: column.to_owned(),
+        kind: match values {
+            Values::Number(_) => "double",
+            Values::Integer(_) => "int64",
+            Values::Flag(_) => "boolean",
+            Values::Text(_) => "string",
+        },
+        unit: axis_unit(column),
+        meaning: "swept by the study".to_owned(),
+    };
+    let describe = |(column, values): &(String, Values)| {
+        let place = about.iter().position(|entry| entry.column == *column);
+        place.map_or_else(|| swept(column, values), |place| about.swap_remove(place))
+    };
+    Ok(table.columns.iter().map(describe).collect())
+}
+
+fn for_people(entries: &[Entry]) {
+    for of_table in entries.chunk_by(|a, b| a.table == b.table) {
+        let name = of_table[0].table;
+        print(&heading(&format!("{name}.parquet")));
+        print_definition("", &format!("A row is {}.", schema::row_of(name)));
+        for Entry { column, kind, unit, meaning, .. } in of_table {
+            let unit = if unit.is_empty() { String::new() } else { format!(", {unit}") };
+            print_definition(&format!("  {column} ({kind}{unit})"), meaning);
+        }
+        print("");
+    }
+}
+
+/// A section a table.
+fn for_readme(entries: &[Entry]) {
+    for of_table in entries.chunk_by(|a, b| a.table == b.table) {
+        let name = of_table[0].table;
+        print(&format!(
+            "### {name}\n\nA row is {}.\n\n| column | type | unit | meaning |\n|---|---|---|---|",
+            schema::row_of(name)
+        ));
+        for Entry { column, kind, unit, meaning, .. } in of_table {
+            print(&format!("| `{column}` | {kind} | {unit} | {} |", meaning.replace('|', "\\|")));
+        }
+        print("");
+    }
+    print("### Warnings\n\n| code | limit | what to do |\n|---|---|---|");
+    for kind in &KINDS {
+        print(&format!("| `{}` | {} | {} |", kind.code, kind.limit, kind.remedy));
+    }
+}
+
+fn as_table(entries: &[Entry]) -> Table {
+    let column = |name: &str, of: fn(&Entry) -> String| {
+        (name.to_owned(), Values::Text(entries.iter().map(|entry| Some(of(entry))).collect()))
+    };
+    let columns = vec![
+        column("table", |e| e.table.to_owned()),
+        column("column", |e| e.column.clone()),
+        column("type", |e| e.kind.to_owned()),
+        column("unit", |e| e.unit.to_owned()),
+        column("meaning", |e| e.meaning.clone()),
+    ];
+    Table { name: "columns", columns }
+}

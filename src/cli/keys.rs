@@ -1,0 +1,178 @@
+//! `sinew keys`: what a study can set and sweep: its settings, and the numbers of a model with their values and units.
+
+use std::path::Path;
+
+use indexmap::IndexMap;
+
+use super::arguments::{Format, Look};
+use super::layout::print_definition;
+use super::output::print_table;
+use super::show::jobs::short;
+use super::{GOOD, print};
+use crate::error::{Error, Result, SourceFile};
+use crate::opensim;
+use crate::reference::{self, FileKind, Key};
+use crate::skeleton::file::SkeletonFile;
+use crate::study::change::GROUPS;
+use crate::study::{load_model, load_skeleton};
+use crate::tables::{Table, Values, axis_unit};
+use crate::terminal::heading;
+
+/// Lists the settings of studies, or the numbers of `model`: those of a kind together, or each that fits `pattern`.
+pub fn keys(model: Option<&Path>, pattern: Option<&str>, look: Look) -> Result<u8> {
+    let Some(path) = model else {
+        list_settings(look)?;
+        return Ok(GOOD);
+    };
+    let file = SourceFile::read(path)?;
+    let numbers = numbers(&file)?;
+    let listed = match pattern {
+        None => together(&numbers),
+        Some(pattern) => {
+            let wild = wildmatch::WildMatch::new(pattern);
+            let fitting: Vec<&(String, f64)> = numbers.iter().filter(|(key, _)| wild.matches(key)).collect();
+            if fitting.is_empty() {
+                let reason = format!("no key fits `{pattern}`; `sinew keys {}` lists all kinds", path.display());
+                return Err(Error::table("list keys of", path, reason));
+            }
+            each(&fitting)
+        }
+    };
+    print_table(&listed, look)?;
+    if look.format == Format::Table && pattern.is_none() {
+        print("");
+        let path = path.display();
+        print_definition(
+            "",
+            &format!(
+                "A study may set any of these, or a factor on it: add _scale. `sinew keys {path} 'muscle.*.path.*'` lists each key that fits."
+            ),
+        );
+        print_definition("", "Settings of the solver and changes of the motion: `sinew keys`.");
+    }
+    Ok(GOOD)
+}
+
+fn list_settings(look: Look) -> Result<()> {
+    let keys = reference::settings();
+    if look.format != Format::Table {
+        return print_table(&reference::table(&keys, false), look);
+    }
+    print(&heading("What [base] and sweeps may set (numbers of a model: sinew keys MODEL)"));
+    for Key { name, value, default, meaning, .. } in &keys {
+        let default = if default.is_empty() { String::new() } else { format!(" = {default}") };
+        // Words are explained one by one.
+        let value = if value.contains('"') { String::new() } else { format!(" ({value})") };
+        print_definition(&format!("  {name}{default}"), &format!("{meaning}{value}"));
+    }
+    Ok(())
+}
+
+/// Every number of a model that a study may set, by its path, defaults included; then what moves the motion, with the
+/// value that changes nothing.
+fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
+    let is_spatial = opensim::is_one(file) || toml::from_str(&file.text).is_ok_and(|t| SkeletonFile::is_one(&t));
+    let (table, coordinates): (_, Vec<(String, bool)>) = if is_spatial {
+        let (table, skeleton) = load_skeleton(file)?;
+        let free = skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
+        (table, free.map(|c| (c.name.clone(), c.is_angle)).collect())
+    } else {
+        let (table, model) = load_model(file)?;
+        let named = |(name, is_angle): (&str, bool)| (name.to_owned(), is_angle);
+        let coordinates = model.joint_coordinates().into_iter().map(named).collect();
+        (table, coordinates)
+    };
+    let kind = if is_spatial { FileKind::SpatialModel } else { FileKind::PlanarModel };
+    let mut found = Vec::new();
+    for (name, value) in table.iter().filter(|(name, _)| GROUPS.contains(&name.as_str())) {
+        collect(name, value, &mut found);
+    }
+    found.extend(defaults(kind, &table));
+    found.sort_by_key(|(key, _)| GROUPS.iter().position(|group| key.split('.').next() == Some(group)));
+    for (name, is_angle) in coordinates {
+        let unit = if is_angle { "deg" } else { "m" };
+        found.extend([(format!("motion.{name}_offset_{unit}"), 0.0), (format!("motion.{name}_scale"), 1.0)]);
+    }
+    Ok(found)
+}
+
+/// All numbers under a value, by their path: entries of lists by name, or by index.
+fn collect(path: &str, value: &toml::Value, found: &mut Vec<(String, f64)>) {
+    match value {
+        toml::Value::Integer(number) => found.push((path.to_owned(), *number as f64)),
+        toml::Value::Float(number) => found.push((path.to_owned(), *number)),
+        toml::Value::Table(table) => {
+            table.iter().for_each(|(name, value)| collect(&format!("{path}.{name}"), value, found));
+        }
+        toml::Value::Array(items) => {
+            for (index, item) in items.iter().enumerate() {
+                let name = item.get("name").and_then(toml::Value::as_str).map_or(index.to_string(), str::to_owned);
+                collect(&format!("{path}.{name}"), item, found);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Numbers that the file leaves to their default: of each entry of a list, and of tables.
+fn defaults(kind: FileKind, model: &toml::Table) -> Vec<(String, f64)> {
+    let mut found = Vec::new();
+    for key in reference::keys(kind) {
+        let (Ok(default), table) = (key.default.parse::<f64>(), key.table.trim_matches(['[', ']'])) else { continue };
+        if !GROUPS.contains(&table) {
+            continue;
+        }
+        match model.get(table) {
+            Some(toml::Value::Array(entries)) => {
+                for entry in entries.iter().filter(|entry| entry.get(&key.name).is_none()) {
+                    if let Some(name) = entry.get("name").and_then(toml::Value::as_str) {
+                        found.push((format!("{table}.{name}.{}", key.name), default));
+                    }
+                }
+            }
+            Some(there) if there.get(&key.name).is_some() => {}
+            _ if key.table.starts_with("[[") => {}
+            _ => found.push((format!("{table}.{}", key.name), default)),
+        }
+    }
+    found
+}
+
+/// One line for all keys that differ in names and indices only, as a pattern that a study may use.
+fn together(numbers: &[(String, f64)]) -> Table {
+    let mut kinds: IndexMap<String, Vec<f64>> = IndexMap::new();
+    for (key, value) in numbers {
+        let parts: Vec<&str> = key.split('.').collect();
+        let is_named = parts.len() > 2 && parts[0] != "muscles" && parts[0] != "curves";
+        let general = |(place, part): (usize, &&str)| {
+            let is_index = place > 1 && part.bytes().all(|b| b.is_ascii_digit());
+            if (place == 1 && is_named) || is_index { "*".to_owned() } else { (*part).to_owned() }
+        };
+        let kind = parts.iter().enumerate().map(general).collect::<Vec<String>>().join(".");
+        kinds.entry(kind).or_default().push(*value);
+    }
+    let texts = |of: &dyn Fn(&str, &[f64]) -> String| {
+        Values::Text(kinds.iter().map(|(key, values)| Some(of(key, values))).collect())
+    };
+    let range = |values: &[f64]| {
+        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
+        let [low, high] = [low, high].map(|number| short(&number.to_string()));
+        if low == high { low } else { format!("{low} to {high}") }
+    };
+    let columns = vec![
+        ("key".to_owned(), texts(&|key, _| key.to_owned())),
+        ("value".to_owned(), texts(&|_, values| range(values))),
+        ("unit".to_owned(), texts(&|key, _| axis_unit(key).to_owned())),
+        ("numbers".to_owned(), Values::Integer(kinds.values().map(|values| Some(values.len() as i64)).collect())),
+    ];
+    Table { name: "keys", columns }
+}
+
+fn each(numbers: &[&(String, f64)]) -> Table {
+    let columns = vec![
+        ("key".to_owned(), Values::Text(numbers.iter().map(|(key, _)| Some(key.clone())).collect())),
+        ("value".to_owned(), Values::Number(numbers.iter().map(|(_, value)| Some(*value)).collect())),
+        ("unit".to_owned(), Values::Text(numbers.iter().map(|(key, _)| Some(axis_unit(key).to_owned())).collect())),
+    ];
+    Table { name: "keys", columns }
+}

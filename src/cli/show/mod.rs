@@ -1,0 +1,137 @@
+//! `sinew show`: the tables of a results folder in the terminal, from the Parquet files alone.
+
+pub mod jobs;
+mod muscles;
+mod ranks;
+mod search;
+mod summary;
+
+use std::path::Path;
+
+use super::arguments::{Format, Look};
+use super::output::print_table;
+use super::{GOOD, note, print};
+use crate::error::{Error, Result, nearest};
+use crate::run::folder;
+use crate::run::manifest::Manifest;
+use crate::study::sweep::SAMPLE;
+use crate::table1::groups;
+use crate::tables::{self, Table, schema};
+use crate::terminal::heading;
+
+/// Jobs shown unless all are asked for.
+const FIRST: usize = 24;
+
+/// How much to show.
+#[derive(Clone, Copy)]
+pub struct Extent {
+    /// The first so many jobs.
+    pub jobs: usize,
+    /// Every job, and every column.
+    pub all: bool,
+    pub wide: bool,
+}
+
+/// The tables of a results folder that are shown.
+pub struct Results {
+    pub jobs: Table,
+    pub regularity: Table,
+    pub muscles: Table,
+    /// Where the study declares some.
+    pub ratios: Option<Table>,
+    /// Names of what is swept.
+    pub axes: Vec<String>,
+    manifest: Manifest,
+}
+
+impl Results {
+    /// # Errors
+    /// If the folder holds no tables.
+    pub fn read(dir: &Path) -> Result<Self> {
+        let manifest = manifest(dir)?;
+        for name in manifest.altered(dir) {
+            note(&format!("warning: {} has changed since its manifest was written", dir.join(name).display()));
+        }
+        let read = |name: &'static str| tables::read(name, &folder::table(dir, name));
+        let ratios = if folder::table(dir, "ratios").exists() { Some(read("ratios")?) } else { None };
+        let jobs = read("jobs")?;
+        let axes = schema::axes(&jobs);
+        Ok(Self { axes, jobs, regularity: read("regularity")?, muscles: read("muscles")?, ratios, manifest })
+    }
+
+    /// A job's text of a swept value, short enough for a table.
+    pub fn swept(&self, axis: &str, row: usize) -> String {
+        jobs::short(&self.jobs.display(axis, row).unwrap_or_default())
+    }
+
+    /// A job's value of a setting that is a word, swept or not.
+    pub fn setting(&self, name: &str, row: usize) -> String {
+        let base = || self.manifest.base.get(name).and_then(|value| value.as_str()).unwrap_or_default().to_owned();
+        self.jobs.display(name, row).unwrap_or_else(base)
+    }
+
+    /// A job's number in the study.
+    pub fn index(&self, row: usize) -> String {
+        self.jobs.display("index", row).unwrap_or_default()
+    }
+}
+
+fn manifest(dir: &Path) -> Result<Manifest> {
+    let Some(manifest) = Manifest::read(dir)? else {
+        let reason = "it has no manifest.json, so it is not a results folder; `sinew run STUDY` makes one";
+        return Err(Error::table("show", dir, reason));
+    };
+    if !folder::table(dir, "jobs").exists() {
+        let reason = "its run has not ended, so there are no tables yet; `sinew status` says how far it is, `sinew merge` \
+                      makes tables of what is finished";
+        return Err(Error::table("show", dir, reason));
+    }
+    Ok(manifest)
+}
+
+/// Prints one table for programs, or all of them for people.
+pub fn show(dir: &Path, all: bool, table: Option<&str>, look: Look) -> Result<u8> {
+    if look.format == Format::Table && table.is_none() {
+        print_all(dir, all, look.wide)?;
+        next_steps(dir);
+        return Ok(GOOD);
+    }
+    let wanted = table.unwrap_or("jobs");
+    let known = || schema::TABLES.into_iter();
+    let Some(name) = known().find(|name| *name == wanted) else {
+        let near = nearest(wanted, known()).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
+        let reason = format!("there is no table `{wanted}`; {near}tables: {}", schema::TABLES.join(", "));
+        return Err(Error::table("show", dir, reason));
+    };
+    manifest(dir)?;
+    print_table(&tables::read(name, &folder::table(dir, name))?, look)?;
+    Ok(GOOD)
+}
+
+/// Prints what a user looks at first: failures, warnings, ranks, jobs, muscles.
+pub fn print_all(dir: &Path, all: bool, wide: bool) -> Result<()> {
+    let results = Results::read(dir)?;
+    let count = results.jobs.rows();
+    let extent = Extent { jobs: if all { count } else { FIRST.min(count) }, all, wide };
+    summary::print(&results, dir, extent);
+    let groups = groups(&results.jobs, &results.regularity, &results.axes);
+    if !groups.is_empty() && results.axes.iter().any(|axis| axis == SAMPLE) {
+        search::print(&groups);
+    } else {
+        ranks::print(&results, &groups, extent);
+        jobs::print(&results, extent);
+        muscles::print_forces(&results, extent);
+        jobs::print_freedoms(&results, extent);
+    }
+    muscles::print_ratios(&results, extent);
+    Ok(())
+}
+
+/// Where to look next; the folder in the last line.
+fn next_steps(dir: &Path) {
+    let folder = dir.display();
+    print(&format!("\n{}", heading("Next")));
+    print(&format!("  sinew report {folder}      a page of figures: loads, ranks, functions of time"));
+    print("  sinew describe             what each table and column means");
+    print(&format!("Results: {folder}"));
+}

@@ -1,0 +1,95 @@
+//! Muscle forces and load ratios, a line a job.
+
+use std::collections::{BTreeMap, HashMap};
+
+use super::{Extent, Results};
+use crate::cli::layout::{NOTHING_THERE, Sheet};
+use crate::terminal::{heading, print as say};
+
+/// A muscle without activation that carries more than this in the mean is passive, not idle, N.
+const CARRIES: f64 = 1.0;
+/// Muscles shown unless all columns are asked for: those that carry most.
+const TOP: usize = 6;
+
+/// The mean force of the muscles that carry most; `idle` where one does nothing.
+pub fn print_forces(results: &Results, extent: Extent) {
+    let muscles = &results.muscles;
+    let mut by_job: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
+    let mut most: Vec<(&str, f64)> = Vec::new();
+    for row in 0..muscles.rows() {
+        let (Some(job), Some(muscle)) = (muscles.text("job_id", row), muscles.text("muscle", row)) else { continue };
+        by_job.entry(job).or_default().insert(muscle, row);
+        let force = muscles.number("mean_force_n", row).unwrap_or(0.0);
+        match most.iter_mut().find(|(name, _)| *name == muscle) {
+            Some((_, known)) => *known = known.max(force),
+            None => most.push((muscle, force)),
+        }
+    }
+    if most.is_empty() {
+        return;
+    }
+    let count = most.len();
+    most.sort_by(|a, b| b.1.total_cmp(&a.1));
+    most.truncate(if extent.wide { count } else { TOP });
+    let row_of = |row: usize, name: &str| {
+        results.jobs.text("job_id", row).and_then(|id| by_job.get(id)).and_then(|of_job| of_job.get(name).copied())
+    };
+    let cell = |row: usize, name: &str| {
+        let Some(at) = row_of(row, name) else { return NOTHING_THERE.to_owned() };
+        let number = |column: &str| muscles.number(column, at).unwrap_or(f64::NAN);
+        match muscles.flag("idle", at) {
+            Some(true) if number("mean_force_n") < CARRIES => "idle".to_owned(),
+            _ => format!("{:.1}/{:.1}", number("mean_force_n"), number("peak_force_n")),
+        }
+    };
+    say("");
+    let which = if most.len() < count {
+        format!(" of the {} of {count} muscles that carry most", most.len())
+    } else {
+        String::new()
+    };
+    say(&heading(&format!("Muscle forces{which}, mean/peak in N")));
+    let mut sheet = Sheet::default();
+    sheet.number("job", 0, (0..extent.jobs).map(|row| results.index(row)).collect());
+    for (place, (name, _)) in most.iter().enumerate() {
+        let rank = u8::try_from(place).unwrap_or(u8::MAX);
+        sheet.number(*name, rank, (0..extent.jobs).map(|row| cell(row, name)).collect());
+    }
+    sheet.print(extent.wide);
+}
+
+/// Declared load ratios.
+pub fn print_ratios(results: &Results, extent: Extent) {
+    let Some(ratios) = &results.ratios else { return };
+    let mut names: Vec<(&str, &str)> = Vec::new();
+    let mut values: HashMap<(&str, &str, &str), f64> = HashMap::new();
+    for row in 0..ratios.rows() {
+        let (Some(job), Some(ratio), Some(measure)) =
+            (ratios.text("job_id", row), ratios.text("ratio", row), ratios.text("measure", row))
+        else {
+            continue;
+        };
+        if !names.contains(&(ratio, measure)) {
+            names.push((ratio, measure));
+        }
+        if let Some(value) = ratios.number("value", row) {
+            values.insert((job, ratio, measure), value);
+        }
+    }
+    say("");
+    say(&heading("Load ratios"));
+    let mut sheet = Sheet::default();
+    let rows = || 0..extent.jobs;
+    sheet.number("job", 0, rows().map(|row| results.index(row)).collect());
+    for axis in &results.axes {
+        sheet.text(axis, 2, rows().map(|row| results.swept(axis, row)).collect());
+    }
+    for &(ratio, measure) in &names {
+        let cell = |row| {
+            let value = results.jobs.text("job_id", row).and_then(|job| values.get(&(job, ratio, measure)));
+            value.map_or(NOTHING_THERE.to_owned(), |value| format!("{value:.4}"))
+        };
+        sheet.number(format!("{ratio} ({measure})"), 1, rows().map(cell).collect());
+    }
+    sheet.print(extent.wide);
+}

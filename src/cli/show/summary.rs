@@ -1,0 +1,72 @@
+//! What comes first: how many jobs there are, which failed and why, and the warnings.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::{Extent, Results};
+use crate::cli::layout::wrapped;
+use crate::plausibility::KINDS;
+use crate::terminal::{heading, print as say, warning};
+
+/// Failed jobs named unless all are asked for.
+const FAILURES: usize = 5;
+/// Jobs named beside a warning.
+const NAMED: usize = 8;
+
+pub fn print(results: &Results, dir: &Path, extent: Extent) {
+    let jobs = &results.jobs;
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for row in 0..jobs.rows() {
+        *counts.entry(jobs.text("status", row).unwrap_or("?")).or_default() += 1;
+    }
+    let counts: Vec<String> = counts.iter().map(|(status, count)| format!("{count} {status}")).collect();
+    say(&heading(&format!("{} jobs finished: {}", jobs.rows(), counts.join(", "))));
+    failures(results, extent);
+    warnings(results, dir);
+}
+
+/// Failed jobs with their reasons.
+fn failures(results: &Results, extent: Extent) {
+    let jobs = &results.jobs;
+    let failed: Vec<usize> = (0..jobs.rows()).filter(|&row| jobs.text("error", row).is_some()).collect();
+    let most = if extent.all { failed.len() } else { FAILURES };
+    for &row in failed.iter().take(most) {
+        let (status, error) = (jobs.text("status", row).unwrap_or("?"), jobs.text("error", row).unwrap_or_default());
+        print_wrapped(&format!("job {}: {status}: {error}", results.index(row)));
+    }
+    if failed.len() > most {
+        say(&format!("… and {} more failed jobs (--all shows them)", failed.len() - most));
+    }
+}
+
+/// How many jobs have warnings; of each kind which jobs, what it means, and what to do.
+fn warnings(results: &Results, dir: &Path) {
+    let jobs = &results.jobs;
+    let mut by_code: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    let mut total = 0;
+    for row in 0..jobs.rows() {
+        let Some(codes) = jobs.text("warnings", row) else { continue };
+        total += 1;
+        codes.split(", ").for_each(|code| by_code.entry(code).or_default().push(row));
+    }
+    if total == 0 {
+        return;
+    }
+    say(&warning(&format!("Warnings in {total} of {} jobs", jobs.rows())));
+    for (code, rows) in by_code {
+        let mut named: Vec<String> = rows.iter().take(NAMED).map(|&row| results.index(row)).collect();
+        if rows.len() > NAMED {
+            named.push("…".to_owned());
+        }
+        let kind = KINDS.iter().find(|kind| kind.code == code);
+        let (limit, remedy) = kind.map_or(("", ""), |kind| (kind.limit, kind.remedy));
+        say(&wrapped(&format!("  {code}: {} jobs ({}); {limit}", rows.len(), named.join(", ")), "      "));
+        say(&wrapped(&format!("    → {remedy}"), "      "));
+    }
+    let file = dir.join("jobs.parquet");
+    print_wrapped(&format!("  Column `remark` of {} says what was found in each job.", file.display()));
+}
+
+fn print_wrapped(text: &str) {
+    say(&wrapped(text, "    "));
+}

@@ -1,0 +1,246 @@
+//! Every key of the files that users write, with its meaning: read off the JSON Schemas, which are made from the types
+//! that read the files and their doc comments.
+
+use serde_json::Value as Json;
+
+use crate::model::file::ModelFile;
+use crate::plausibility::Limits;
+use crate::skeleton::file::SkeletonFile;
+use crate::study::file;
+use crate::study::settings::Settings;
+use crate::tables::{Table, Values};
+
+/// A key of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Key {
+    /// The table that it stands in, such as `[[muscle]]`; empty for the top of the file.
+    pub table: String,
+    pub name: String,
+    /// What may stand there: a type, a range, or the words allowed.
+    pub value: String,
+    /// Empty where there is none.
+    pub default: String,
+    pub meaning: String,
+}
+
+/// Kinds of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    Study,
+    PlanarModel,
+    SpatialModel,
+}
+
+/// The JSON Schema of a kind of file.
+pub fn schema(kind: FileKind) -> Json {
+    match kind {
+        FileKind::Study => file::schema(),
+        FileKind::PlanarModel => ModelFile::schema(),
+        FileKind::SpatialModel => SkeletonFile::schema(),
+    }
+}
+
+/// All keys of a kind of file, table by table. Settings of a study have a list of their own: [`settings`].
+pub fn keys(kind: FileKind) -> Vec<Key> {
+    let schema = schema(kind);
+    let mut keys = Vec::new();
+    add(&mut keys, &schema, &schema, "", 0);
+    keys.retain(|key| kind != FileKind::Study || !["[base]"].contains(&key.table.as_str()));
+    keys
+}
+
+/// What `[base]` and sweeps may set beside the numbers of the model and the motion.
+pub fn settings() -> Vec<Key> {
+    let schema = schemars::schema_for!(Settings).to_value();
+    let mut keys = Vec::new();
+    add(&mut keys, &schema, &schema, "", 0);
+    let limits = schemars::schema_for!(Limits).to_value();
+    let mut warn = Vec::new();
+    add(&mut warn, &limits, &limits, "", 0);
+    keys.extend(warn.into_iter().map(|key| Key {
+        name: format!("warn.{}", key.name),
+        meaning: format!("limit of a warning: {}", lowered(&key.meaning)),
+        ..key
+    }));
+    let row = |name: &str, value: &str, default: &str, meaning: &str| Key {
+        table: String::new(),
+        name: name.to_owned(),
+        value: value.to_owned(),
+        default: default.to_owned(),
+        meaning: meaning.to_owned(),
+    };
+    keys.extend([
+        row("motion.time_scale", "number", "1", "factor on the time of the motion"),
+        row("motion.COORDINATE_offset_deg", "number", "0", "added to a coordinate of the motion; also `_rad`, `_m`"),
+        row("motion.COORDINATE_scale", "number", "1", "factor on a coordinate of the motion"),
+        row("motion.abduction_offset_deg", "number", "0", "turns the body of the model's `[abduction]` about its axis"),
+        row("force.NAME_scale", "number", "1", "factor on an external force and its moment"),
+        row(
+            "PATH, PATH_scale",
+            "number",
+            "the model's",
+            "any number of the model by its path, absolute or as a factor",
+        ),
+    ]);
+    keys
+}
+
+/// The deepest nesting of tables that is listed.
+const DEPTH: usize = 4;
+
+/// Adds the keys of an object of a schema, and of the tables within it.
+fn add(keys: &mut Vec<Key>, root: &Json, object: &Json, table: &str, depth: usize) {
+    let Some(properties) = object["properties"].as_object() else { return };
+    let mut inner: Vec<(String, Json)> = Vec::new();
+    for (name, property) in properties {
+        let within = tables_within(root, property);
+        keys.push(Key {
+            table: table.to_owned(),
+            name: name.clone(),
+            value: value_of(root, property),
+            default: default_of(property),
+            meaning: meaning_of(root, property),
+        });
+        if let Some((is_list, schema)) = within
+            && depth < DEPTH
+        {
+            let path = [table.trim_matches(['[', ']']), name].join(".");
+            let path = path.trim_start_matches('.');
+            inner.push((if is_list { format!("[[{path}]]") } else { format!("[{path}]") }, schema));
+        }
+    }
+    for (table, schema) in inner {
+        if !keys.iter().any(|key| key.table == table) {
+            add(keys, root, &schema, &table, depth + 1);
+        }
+    }
+}
+
+/// Follows a reference, and looks through `null` of optional keys.
+fn resolved<'s>(root: &'s Json, schema: &'s Json) -> &'s Json {
+    if let Some(path) = schema["$ref"].as_str() {
+        return root.pointer(path.trim_start_matches('#')).unwrap_or(schema);
+    }
+    match schema["anyOf"].as_array().map(Vec::as_slice) {
+        Some([one, null]) if null["type"] == "null" => resolved(root, one),
+        _ => schema,
+    }
+}
+
+/// The table that a key stands for, if it is one: whether there may be several, and its schema.
+fn tables_within(root: &Json, property: &Json) -> Option<(bool, Json)> {
+    let schema = resolved(root, property);
+    let is_table = |schema: &Json| schema["properties"].is_object();
+    if is_table(schema) {
+        return Some((false, schema.clone()));
+    }
+    let items = match schema["anyOf"].as_array() {
+        Some(choices) => choices.iter().find(|choice| choice["type"] == "array").map(|list| &list["items"]),
+        None => Some(&schema["items"]),
+    };
+    let item = resolved(root, items?);
+    is_table(item).then(|| (true, item.clone()))
+}
+
+fn value_of(root: &Json, property: &Json) -> String {
+    let schema = resolved(root, property);
+    let words: Vec<String> = choices(schema).iter().map(|(word, _)| format!("\"{word}\"")).collect();
+    if !words.is_empty() {
+        return words.join(", ");
+    }
+    let kind = match &schema["type"] {
+        Json::Array(kinds) => kinds.iter().find(|kind| *kind != "null").and_then(Json::as_str),
+        kind => kind.as_str(),
+    };
+    let of_items = |plural: &str| match (schema["minItems"].as_u64(), schema["maxItems"].as_u64()) {
+        (Some(least), Some(most)) if least == most => format!("{least} {plural}"),
+        _ => format!("list of {plural}"),
+    };
+    match kind {
+        Some("string") => "text".to_owned(),
+        Some("boolean") => "true or false".to_owned(),
+        Some(kind @ ("number" | "integer")) => {
+            let name = if kind == "integer" { "whole number" } else { "number" };
+            match (schema["minimum"].as_f64(), schema["maximum"].as_f64()) {
+                (Some(least), Some(most)) => format!("{name}, {least} to {most}"),
+                (Some(least), None) => format!("{name}, at least {least}"),
+                _ => name.to_owned(),
+            }
+        }
+        Some("array") => {
+            let item = resolved(root, &schema["items"]);
+            match item["type"].as_str() {
+                Some("number") => of_items("numbers"),
+                Some("integer") => of_items("whole numbers"),
+                Some("string") => of_items("texts"),
+                Some("array") => "list of points".to_owned(),
+                _ => "tables".to_owned(),
+            }
+        }
+        Some("object") => "table".to_owned(),
+        _ if schema["oneOf"].is_array() || schema["anyOf"].is_array() => "one, or a list".to_owned(),
+        _ => String::new(),
+    }
+}
+
+/// The words that a key may have, with what each means.
+fn choices(schema: &Json) -> Vec<(String, String)> {
+    let one = |choice: &Json| -> Vec<(String, String)> {
+        let meaning = choice["description"].as_str().unwrap_or_default().replace('\n', " ");
+        let words = choice["enum"].as_array().cloned().unwrap_or_else(|| vec![choice["const"].clone()]);
+        words.iter().filter_map(|word| Some((word.as_str()?.to_owned(), meaning.clone()))).collect()
+    };
+    match schema["oneOf"].as_array() {
+        Some(all) => all.iter().flat_map(one).collect(),
+        None => one(&serde_json::json!({ "enum": schema["enum"] })),
+    }
+}
+
+fn default_of(property: &Json) -> String {
+    match &property["default"] {
+        Json::Null => String::new(),
+        Json::String(text) => format!("\"{text}\""),
+        Json::Array(items) if items.is_empty() => String::new(),
+        Json::Object(_) => String::new(),
+        Json::Number(number) => number.as_f64().map_or_else(|| number.to_string(), |number| number.to_string()),
+        other => other.to_string(),
+    }
+}
+
+/// What the key means: its own words, else those of its type; of words each one's.
+fn meaning_of(root: &Json, property: &Json) -> String {
+    let schema = resolved(root, property);
+    let own = property["description"].as_str().or_else(|| schema["description"].as_str()).unwrap_or_default();
+    let mut meaning = own.replace('\n', " ");
+    let words: Vec<String> = (choices(schema).into_iter())
+        .filter(|(_, about)| !about.is_empty())
+        .map(|(word, about)| format!("`{word}`: {about}"))
+        .collect();
+    if !words.is_empty() {
+        meaning = format!("{}. {}", meaning.trim_end_matches('.'), words.join("; "));
+    }
+    meaning
+}
+
+fn lowered(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_lowercase().chain(letters).collect())
+}
+
+/// Keys as a table, to print; `with_table` for files that have several.
+pub fn table(keys: &[Key], with_table: bool) -> Table {
+    let column = |name: &str, of: fn(&Key) -> &String| {
+        (name.to_owned(), Values::Text(keys.iter().map(|key| Some(of(key).clone())).collect()))
+    };
+    let mut columns = Vec::new();
+    if with_table {
+        columns.push(column("in", |key| &key.table));
+    }
+    columns.extend([
+        column("key", |key| &key.name),
+        column("default", |key| &key.default),
+        column("value", |key| &key.value),
+        column("meaning", |key| &key.meaning),
+    ]);
+    Table { name: "keys", columns }
+}
