@@ -217,7 +217,7 @@ fn one_number_is_set_in_one_way() {
         let text = SMALL.replace("[sweep.grid]", &format!("{base}\n[sweep.grid]\n{swept}"));
         let folder = folder(&[("study.toml", &text)]);
         let error = Study::load(&folder.path().join("study.toml")).map(|_| ()).unwrap_err();
-        assert!(error.to_string().contains("absolute and by a factor"), "{base}, {swept}: {error}");
+        assert!(error.to_string().contains("as a value and by a factor"), "{base}, {swept}: {error}");
     }
 }
 

@@ -172,7 +172,7 @@ fn a_manifest_alone_runs_the_study_again() {
     std::fs::write(at.join("broken.json"), "{ \"sources\": 3 }").unwrap();
     let broken = sinew(&["run", "broken.json"], at);
     assert_eq!(broken.status.code(), Some(2));
-    assert!(text(&broken.stderr).contains("no manifest of Sinew"), "{}", text(&broken.stderr));
+    assert!(text(&broken.stderr).contains("not a manifest of Sinew"), "{}", text(&broken.stderr));
 }
 
 #[test]
