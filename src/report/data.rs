@@ -124,8 +124,8 @@ fn count_jobs(table: &Table, rows: usize) -> usize {
     (0..rows).filter_map(|row| table.text("job_id", row)).collect::<HashSet<_>>().len()
 }
 
-/// The first `rows` rows as `{rows, columns: [{name, unit, values}]}`. A text column is `{name, words, at}`: the distinct
-/// texts, and for each row the index of its text, −1 if missing.
+/// The first `rows` rows as `{rows, columns: [{name, unit, values}]}`. A text column is `{name, words, at}`: the
+/// distinct texts, and for each row the index of its text, −1 if missing.
 fn columns(table: &Table, rows: usize) -> Json {
     let mut columns = Vec::new();
     for (name, values) in &table.columns {

@@ -37,8 +37,8 @@ pub fn is_model_path(name: &str) -> bool {
     GROUPS.contains(&name.split('.').next().unwrap_or(""))
 }
 
-/// The canonical form of a path: list entries by name where they have one, not by index, so that each number has exactly
-/// one path.
+/// The canonical form of a path: list entries by name where they have one, not by index, so that each number has
+/// exactly one path.
 fn canonical(model: &toml::Table, path: &str) -> String {
     let mut place: Option<&toml::Value> = None;
     let mut keys: Vec<String> = Vec::new();

@@ -39,7 +39,7 @@ pub struct StudyFile {
     /// What to do when a job fails.
     #[serde(default)]
     pub on_failure: OnFailure,
-    /// Numbers of the model whose values in the study may be more than ten times larger or smaller than the model's own.
+    /// Numbers of the model whose values in the study may be more than ten times larger or smaller than the model's.
     #[serde(default)]
     pub confirm: Vec<String>,
 }

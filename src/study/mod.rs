@@ -73,8 +73,8 @@ pub struct Job {
 }
 
 impl Study {
-    /// Reads, checks and expands a study file with its model and motion, or the manifest of a run (or its folder), which
-    /// contains all three.
+    /// Reads, checks and expands a study file with its model and motion, or the manifest of a run (or its folder),
+    /// which contains all three.
     ///
     /// # Errors
     /// The mistakes found first, with their places in the file.
@@ -273,9 +273,9 @@ fn error_of(file: &SourceFile, issue: &Issue) -> Error {
     if opensim::is_one(file) { opensim::error(file, issue) } else { issue.in_file(file) }
 }
 
-/// Refuses a motion without a column for each joint coordinate that must be measured. In a planar model these are all of
-/// them, unless it has loops, where some follow from others. In a spatial model they are those of bodies that move by
-/// forces, except locked and dependent coordinates; all others stay at their defaults.
+/// Refuses a motion without a column for each joint coordinate that must be measured. In a planar model these are all
+/// of them, unless it has loops, where some follow from others. In a spatial model they are those of bodies that move
+/// by forces, except locked and dependent coordinates; all others stay at their defaults.
 fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Result<()> {
     let needed: Vec<&str> = match &model.mechanics {
         Mechanics::Planar(planar) if planar.joints.len() > planar.bodies.len() => return Ok(()),
@@ -329,7 +329,7 @@ fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file:
             continue;
         };
         let help = format!(
-            "change the coordinates of the two bodies so that the points meet (to {} mm): the model holds them together",
+            "change the coordinates of the two bodies so that the points meet (to {} mm); the model joins them",
             1e3 * LARGEST_GAP
         );
         return Err(file.error(

@@ -225,7 +225,7 @@ impl<'m> Plan<'m> {
         };
         for path in paths {
             self.check_size(name, path, value)?;
-            // A swept value replaces the fixed one. A change without effect is dropped, so that equal jobs have equal ids.
+            // A swept value replaces the fixed one. Changes without effect are dropped: equal jobs have equal ids.
             let change = ModelChange::new(path, value)?;
             changes.retain(|other| other.path != change.path);
             if !change.is_idle(self.model_table) {
@@ -266,8 +266,8 @@ impl<'m> Plan<'m> {
         let times = if times.abs() < 1e-2 { format!("{times:.1e}") } else { format!("{times:.3}") };
         let message = format!("{new} is {times} times the model's own value, {own}");
         let help = format!(
-            "did you mean `{path}_scale`, or another unit? If the value is correct, put confirm = [\"{name}\"] at the top \
-             of the study"
+            "did you mean `{path}_scale`, or another unit? If the value is correct, put confirm = [\"{name}\"] at the \
+             top of the study"
         );
         Err(Complaint::new(message, help))
     }
@@ -321,8 +321,8 @@ impl<'m> Plan<'m> {
         Ok(())
     }
 
-    /// The change by which the base sets one of these numbers in the other way: by a factor if the path is a value, as a
-    /// value if it is a factor.
+    /// The change by which the base sets one of these numbers in the other way: by a factor if the path is a value, as
+    /// a value if it is a factor.
     fn other_way<'p>(&self, mut paths: impl Iterator<Item = &'p String>) -> Option<&str> {
         paths.find_map(|path| {
             let other = path.strip_suffix("_scale").map_or_else(|| format!("{path}_scale"), str::to_owned);
@@ -490,7 +490,8 @@ struct Owners<'n> {
 }
 
 impl<'n> Owners<'n> {
-    /// Records that a name sets a target. Returns another name that sets it, a part of it, or something that contains it.
+    /// Records that a name sets a target. Returns another name that sets it, a part of it, or something that contains
+    /// it.
     fn insert(&mut self, target: &str, name: &'n str) -> Option<&'n str> {
         let outer = || target.match_indices('.').map(|(end, _)| &target[..end]);
         let other = self.outer.get(target).or_else(|| outer().find_map(|outer| self.targets.get(outer))).copied();
@@ -501,8 +502,8 @@ impl<'n> Owners<'n> {
     }
 }
 
-/// `a.b.c = v`, written as tables or as a quoted key, becomes ("a.b.c", v); v is `None` if it is neither a number, a text
-/// nor a flag.
+/// `a.b.c = v`, written as tables or as a quoted key, becomes ("a.b.c", v); v is `None` if it is neither a number, a
+/// text nor a flag.
 fn flatten(table: &toml::Table) -> Vec<(String, Option<Value>)> {
     let mut flat = Vec::new();
     for (key, value) in table {

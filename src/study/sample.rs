@@ -46,8 +46,8 @@ pub fn samples(sample: &Sample, place: &[String]) -> Result<Expansion, Issue> {
     })
 }
 
-/// For each parameter, `count` numbers in [0, 1). They follow from the names and the seed; the order in the file does not
-/// matter.
+/// For each parameter, `count` numbers in [0, 1). They follow from the names and the seed; the order in the file does
+/// not matter.
 fn shares(sample: &Sample, names: &[&str], place: &[String]) -> Result<Vec<Vec<f64>>, Issue> {
     let (count, dimensions) = (sample.count, names.len());
     let mut shares = vec![vec![0.0; count]; dimensions];
