@@ -51,7 +51,7 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
     let mut notes: Vec<String> = manifest
         .altered(dir)
         .into_iter()
-        .map(|name| format!("{name} differs from the file recorded in the manifest"))
+        .map(|name| format!("{name} is not the file recorded in the manifest"))
         .collect();
     let found = read_all(dir, &mut notes)?;
     let jobs = found.get("jobs").and_then(|jobs| jobs["rows"].as_u64()).unwrap_or_default() as usize;

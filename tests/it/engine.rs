@@ -265,5 +265,5 @@ fn two_runs_do_not_share_a_folder() {
         (Outcome::failed(Status::Invalid, "not solved in this test"), None)
     })
     .unwrap();
-    assert!(inner.into_inner().unwrap().unwrap().contains("another run is at work"));
+    assert!(inner.into_inner().unwrap().unwrap().contains("another run is using"));
 }
