@@ -82,7 +82,7 @@ fn exactly_the_altered_cells_are_reported() {
     ];
     expected.sort();
     assert_eq!(cells, expected);
-    assert!(shown.contains("is not the file that its manifest speaks of"), "a warning, no refusal: {shown}");
+    assert!(shown.contains("is not the file recorded in its manifest"), "a warning, no refusal: {shown}");
     let junit = std::fs::read_to_string(at.join("c.xml")).unwrap();
     assert!(junit.contains("tests=\"6\"") && junit.matches("<failure").count() == 4, "{junit}");
 
