@@ -368,7 +368,7 @@ pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Resul
     let mut gone: Vec<String> = lost.into_iter().map(|name| format!("the table {name}")).collect();
     let (now, then) = (Side::read(folder, &names)?, Side::read(baseline, &names)?);
     if let Some(unknown) = tolerances.unknown(&then.tables) {
-        let reason = format!("it has a tolerance for `{unknown}`, but no table of the baseline has such a column");
+        let reason = format!("there is a tolerance for `{unknown}`, but no table of the baseline has such a column");
         return Err(Error::table("compare with", baseline, reason));
     }
     let mut cells = changes(&now, &then, tolerances, &mut gone, &mut warnings);

@@ -160,7 +160,7 @@ fn what_is_gone_is_drift_and_mistakes_are_refused() {
     assert_eq!(code(&["results/small", "results/small", "--accept"]).0, 2);
     assert_eq!(code(&["results/small", "base", "--accept"]).0, 0);
     for (tolerance, says) in
-        [("nonsense=1e-4", "no table of the baseline"), ("mu=-1", "no tolerance"), ("mu", "COLUMN=")]
+        [("nonsense=1e-4", "no table of the baseline"), ("mu=-1", "not a tolerance"), ("mu", "COLUMN=")]
     {
         let (code, shown) = code(&["results/small", "base", "--tolerance", tolerance]);
         assert!(code == 2 && shown.contains(says), "{tolerance}: {shown}");
