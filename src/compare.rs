@@ -1,7 +1,7 @@
-//! Results against a baseline, job by job: from the tables alone.
+//! Compares results with a baseline, job by job, from the tables alone.
 //!
-//! Jobs are matched by their id, which is the hash of everything that decides them. Each column has a tolerance: exact for
-//! ranks, statuses and other counts and texts; relative and absolute for numbers; none for times.
+//! Jobs are matched by their id, which is the hash of everything that determines them. Each column has a tolerance:
+//! exact for ranks, statuses, and other counts and texts; relative and absolute for numbers. Times are ignored.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -16,21 +16,21 @@ use crate::run::manifest::Manifest;
 use crate::study::sweep::SAMPLE;
 use crate::tables::{self, Table, Values, schema};
 
-/// Tables that a new baseline gets: small, and enough to see drift.
+/// Tables of a new baseline: small, but sufficient to detect drift.
 const ACCEPTED: [&str; 4] = ["jobs", "regularity", "muscles", "ratios"];
 
-/// Beside a baseline: tolerances of its own, by column or `table.column`.
+/// The file in a baseline with its own tolerances, by column or `table.column`.
 const TOLERANCES: &str = "tolerances.toml";
 
-/// In place of a column: every one that is not ignored.
+/// In place of a column: all columns that are not ignored.
 const EVERY: &str = "*";
 
-/// How far a value may be from its baseline.
+/// How far a value may differ from its baseline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tolerance {
     Exact,
     Ignored,
-    /// In place of a column's usual relative part; the absolute one stays.
+    /// Replaces the relative part of a column's default tolerance and keeps the absolute part.
     Relative(f64),
     /// |now − then| ≤ absolute + relative · |then|
     Within {
@@ -44,14 +44,14 @@ const fn within(relative: f64, absolute: f64) -> Tolerance {
 }
 
 impl Tolerance {
-    /// Of a column that nobody has said anything about.
-    fn usual(column: &str, values: &Values) -> Self {
+    /// The default tolerance of a column.
+    fn default_of(column: &str, values: &Values) -> Self {
         match column {
             "index" | "error" | "remark" => Tolerance::Ignored,
             _ if schema::TIMINGS.contains(&column) => Tolerance::Ignored,
-            // Work may differ a little between machines; a solver that got slow is seen.
+            // The amount of work may differ slightly between machines; a slow-down of the solver is still detected.
             "iterations" | "qp_iterations" => within(0.25, 2.0),
-            // Residuals below the target are as good as 0.
+            // Residuals below the solver's target are equivalent to 0.
             "stationarity" | "feasibility" | "complementarity" | "max_constraint_velocity" => within(0.0, 1e-8),
             "mid_interval_error" | "ringing" | "direction_changes" | "peak_fibre_velocity_per_s" => within(1e-3, 1e-6),
             "mean_activation_low" | "mean_activation_high" => within(1e-3, 1e-5),
@@ -62,17 +62,17 @@ impl Tolerance {
         }
     }
 
-    /// `exact`, `ignore`, or a relative tolerance.
+    /// Parses `exact`, `ignore`, or a relative tolerance.
     ///
     /// # Errors
-    /// What else was found.
+    /// If the text is anything else.
     pub fn parse(text: &str) -> std::result::Result<Self, String> {
         match text {
             "exact" => Ok(Tolerance::Exact),
             "ignore" => Ok(Tolerance::Ignored),
             _ => match text.parse::<f64>() {
                 Ok(relative) if (0.0..f64::INFINITY).contains(&relative) => Ok(Tolerance::Relative(relative)),
-                _ => Err(format!("`{text}` is no tolerance; it is a relative one such as 1e-4, exact, or ignore")),
+                _ => Err(format!("`{text}` is not a tolerance; give a relative one such as 1e-4, exact, or ignore")),
             },
         }
     }
@@ -108,14 +108,14 @@ enum Written {
 }
 
 impl Tolerances {
-    /// Those beside a baseline, if there are any, then those of the command line.
+    /// Reads the tolerances in a baseline, if there are any. Those of the command line (`given`) override them.
     pub fn read(baseline: &Path, given: &[(String, Tolerance)]) -> Result<Self> {
         let path = baseline.join(TOLERANCES);
         let mut tolerances = Self::default();
         if path.exists() {
             let file = SourceFile::read(&path)?;
             let help =
-                "a tolerance is a relative one such as 1e-4, \"exact\", \"ignore\", or { relative = …, absolute = … }";
+                "give a relative tolerance such as 1e-4, \"exact\", \"ignore\", or { relative = …, absolute = … }";
             let table: toml::Table = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
             for (column, value) in table {
                 let place = [column.clone()];
@@ -140,7 +140,7 @@ impl Tolerances {
         Ok(tolerances)
     }
 
-    /// Names that no table has.
+    /// The first name that is not a column of any table.
     fn unknown<'t>(&'t self, tables: &BTreeMap<&'static str, Table>) -> Option<&'t String> {
         let known = |name: &str| match name.split_once('.') {
             _ if name == EVERY || tables.values().any(|table| table.column(name).is_some()) => true,
@@ -152,18 +152,18 @@ impl Tolerances {
 
     fn of(&self, table: &str, column: &str, values: &Values) -> Tolerance {
         let own = self.0.get(&format!("{table}.{column}")).or_else(|| self.0.get(column));
-        let usual = Tolerance::usual(column, values);
-        let general = self.0.get(EVERY).filter(|_| usual != Tolerance::Ignored);
-        match (own.or(general), usual) {
+        let default = Tolerance::default_of(column, values);
+        let general = self.0.get(EVERY).filter(|_| default != Tolerance::Ignored);
+        match (own.or(general), default) {
             (Some(Tolerance::Relative(relative)), Tolerance::Within { absolute, .. }) => within(*relative, absolute),
             (Some(Tolerance::Relative(relative)), _) => within(*relative, 0.0),
             (Some(other), _) => *other,
-            (None, usual) => usual,
+            (None, default) => default,
         }
     }
 }
 
-/// A job as people see it.
+/// A job as it is shown to users.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct JobName {
     pub job_id: String,
@@ -180,11 +180,11 @@ impl std::fmt::Display for JobName {
     }
 }
 
-/// A value that is not what it was.
+/// A value that has changed by more than its tolerance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Change {
     pub table: String,
-    /// The row of the job, such as a muscle; empty where a job has one row.
+    /// The row of the job, such as a muscle; empty if a job has only one row.
     pub row: String,
     pub column: String,
     pub baseline: Option<String>,
@@ -201,7 +201,7 @@ impl std::fmt::Display for Change {
     }
 }
 
-/// What became of a job.
+/// The result of the comparison for a job.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "class", rename_all = "snake_case")]
 pub enum Verdict {
@@ -213,25 +213,26 @@ pub enum Verdict {
     New,
     /// In the baseline only.
     Missing,
-    /// Converged in the baseline.
+    /// Converged in the baseline, but not now.
     NewlyFailed {
         status: String,
         error: Option<String>,
     },
 }
 
-/// All jobs of both sides: the baseline's in their order, then new ones.
+/// The result of a comparison.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
+    /// The jobs of both sides: those of the baseline in their order, then new ones.
     pub jobs: Vec<(JobName, Verdict)>,
-    /// Tables and columns of the baseline that are gone: drift of its own.
+    /// Tables and columns of the baseline that no longer exist, which also counts as drift.
     pub gone: Vec<String>,
-    /// What does not decide, but should be known.
+    /// Notes that do not affect the verdicts.
     pub warnings: Vec<String>,
 }
 
 impl Comparison {
-    /// Jobs of each class, and changed cells.
+    /// Number of jobs of each class, and of changed cells.
     pub fn counts(&self) -> BTreeMap<&'static str, usize> {
         let mut counts: BTreeMap<&'static str, usize> =
             ["unchanged", "changed", "new", "missing", "newly_failed", "changed_cells"].map(|class| (class, 0)).into();
@@ -251,12 +252,12 @@ impl Comparison {
         counts
     }
 
-    /// Whether anything is not as in the baseline.
+    /// Whether anything differs from the baseline.
     pub fn drifted(&self) -> bool {
         !self.gone.is_empty() || self.jobs.iter().any(|(_, verdict)| *verdict != Verdict::Unchanged)
     }
 
-    /// For programs.
+    /// The comparison as JSON, without the unchanged jobs.
     pub fn json(&self) -> serde_json::Value {
         let jobs: Vec<serde_json::Value> = (self.jobs.iter())
             .filter(|(_, verdict)| *verdict != Verdict::Unchanged)
@@ -278,7 +279,7 @@ impl Comparison {
         })
     }
 
-    /// For a service that shows tests: each job is one.
+    /// The comparison as JUnit XML, for services that display test results. Each job is a test case.
     pub fn junit(&self, suite: &str) -> Result<String> {
         use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
         let mut tests = TestSuite::new(suite);
@@ -306,7 +307,7 @@ impl Comparison {
     }
 }
 
-/// A headline, and a line for each difference; `None` where there is none.
+/// A headline, and a line for each difference; `None` if the job is unchanged.
 pub fn verdict_text(verdict: &Verdict) -> Option<(String, Vec<String>)> {
     Some(match verdict {
         Verdict::Unchanged => return None,
@@ -319,7 +320,7 @@ pub fn verdict_text(verdict: &Verdict) -> Option<(String, Vec<String>)> {
     })
 }
 
-/// A folder's tables that both sides have.
+/// The tables of a folder that both sides have.
 struct Side {
     tables: BTreeMap<&'static str, Table>,
 }
@@ -338,7 +339,7 @@ impl Side {
         let jobs = self.jobs();
         let mut axes = schema::axes(jobs);
         if axes.iter().any(|axis| axis == SAMPLE) {
-            axes.retain(|axis| axis == SAMPLE); // its number says it all
+            axes.retain(|axis| axis == SAMPLE); // the number of the sample identifies the job
         }
         JobName {
             job_id: jobs.text("job_id", row).unwrap_or_default().to_owned(),
@@ -348,16 +349,16 @@ impl Side {
     }
 }
 
-/// Compares the tables of a results folder with those of a baseline, of which it may have a part.
+/// Compares the tables of a results folder with those of a baseline, which need not have all tables.
 ///
 /// # Errors
-/// If either holds no `jobs.parquet`, or a table cannot be read.
+/// If either contains no `jobs.parquet`, or a table cannot be read.
 pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Result<Comparison> {
     let there = |folder: &Path, name: &str| folder.join(format!("{name}.parquet")).exists();
     for side in [folder, baseline] {
         if !there(side, "jobs") {
-            let reason = "there is no jobs.parquet in it; a results folder and a baseline (a copy of one, or made by \
-                          --accept) are compared";
+            let reason = "it contains no jobs.parquet; give a results folder and a baseline (a copy of a results \
+                          folder, or made by --accept)";
             return Err(Error::table("compare", side, reason));
         }
     }
@@ -404,7 +405,8 @@ pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Resul
     }
     if !jobs.is_empty() && jobs.iter().all(|(_, verdict)| matches!(verdict, Verdict::New | Verdict::Missing)) {
         warnings.push(
-            "no job is on both sides: the study, its model or motion, or the version of the results has changed"
+            "the two sides have no job in common: the study, its model or motion, or the version of the results has \
+             changed"
                 .to_owned(),
         );
     }
@@ -419,7 +421,7 @@ fn warnings(folder: &Path, baseline: &Path) -> Vec<String> {
             Ok(Some(manifest)) => {
                 for name in manifest.altered(side) {
                     let path = side.join(name);
-                    warnings.push(format!("{} is not the file that its manifest speaks of", path.display()));
+                    warnings.push(format!("{} is not the file recorded in its manifest", path.display()));
                 }
                 solvers.push(manifest.sinew.solver);
             }
@@ -458,7 +460,7 @@ fn changes(
                 _ if tolerance == Tolerance::Ignored => {}
                 Some(_) => columns.push((column, tolerance)),
                 None if *name == "jobs" && old_axes.contains(column) => {
-                    warnings.push(format!("`{column}` is swept no more"));
+                    warnings.push(format!("`{column}` is no longer swept"));
                 }
                 None => gone.push(format!("the column {name}.{column}")),
             }
@@ -499,7 +501,7 @@ fn changes(
     found
 }
 
-/// Rows by job and by what tells a job's rows apart; by their number where nothing else does.
+/// Rows by job and by the key that distinguishes the rows of a job. Rows with equal keys are numbered.
 fn rows(table: &Table, keys: &[&str]) -> HashMap<(String, String), usize> {
     let mut found = HashMap::new();
     for row in 0..table.rows() {
@@ -517,6 +519,7 @@ fn rows(table: &Table, keys: &[&str]) -> HashMap<(String, String), usize> {
     found
 }
 
+/// Whether a value agrees with its baseline within a tolerance.
 fn agrees(old: &Table, row: usize, new: &Table, at: usize, column: &str, tolerance: Tolerance) -> bool {
     let exact = || old.display(column, row) == new.display(column, at);
     let Tolerance::Within { relative, absolute } = tolerance else { return exact() };
@@ -526,19 +529,20 @@ fn agrees(old: &Table, row: usize, new: &Table, at: usize, column: &str, toleran
     }
 }
 
-/// Makes the tables of a results folder the baseline: those that it has, or the usual ones if it is new.
+/// Makes tables of a results folder the baseline: those that the baseline has, or the default ones if it is new.
+/// Returns the names of the copied files.
 ///
 /// # Errors
-/// If they are not whole and readable, not all of the study, or not what their manifest speaks of; if the baseline has files
-/// that Sinew has not written; if a file cannot be copied.
+/// If the tables cannot be read, do not cover the whole study, or differ from those recorded in the manifest; if the
+/// baseline has files that Sinew has not written; if a file cannot be copied.
 pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
     let refuse = |reason: String| Err(Error::table("accept", folder, reason));
     let Some(mut manifest) = Manifest::read(folder)? else {
-        return refuse("there is no manifest.json in it, so it holds no results".to_owned());
+        return refuse("it contains no manifest.json, so it is not a results folder".to_owned());
     };
     if let Some(name) = manifest.altered(folder).first() {
         return refuse(format!(
-            "{name} is not the file that its manifest speaks of; `sinew merge` makes the tables again"
+            "{name} is not the file recorded in its manifest; `sinew merge` makes the tables again"
         ));
     }
     if !manifest.files.contains_key("jobs.parquet") {

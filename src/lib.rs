@@ -1,53 +1,54 @@
 //! Sinew: parallel parameter studies of inverse musculoskeletal biomechanics.
 //!
-//! Given a measured motion, find the muscle excitations, activations, fibre lengths, joint reactions and the motion itself
-//! such that the muscle-driven equations of motion hold and the motion is matched in the least-squares sense with a
-//! load-sharing term; and say whether the answer is unique. Source of the method: M. Lund Ohlsson, *New methods for
-//! movement technique development in cross-country skiing using mathematical models and simulation*, licentiate thesis 41,
-//! Mid Sweden University 2009, Paper B.
+//! Given a measured motion, Sinew finds the muscle excitations, activations, fibre lengths, joint reactions and the
+//! motion itself, such that the muscle-driven equations of motion hold and the measured motion is matched in the
+//! least-squares sense, with a load-sharing term. It also determines whether the answer is unique. Source of the
+//! method: M. Lund Ohlsson, *New methods for movement technique development in cross-country skiing using mathematical
+//! models and simulation*, licentiate thesis 41, Mid Sweden University 2009, Paper B.
 //!
-//! The map, from what the user says to what the user gets:
+//! The modules, from input to output:
 //!
 //! ```text
-//! study/          study file → axes → jobs; identity of a job. Pure.
-//! model/          bodies, joints, musculotendons, paths: file → checked model; spatial/: Euler parameters, wrapped paths
-//! skeleton/       a spatial model by its joint coordinates: frames, paths around surfaces, moment arms
-//! opensim/        OpenSim's models, read as files of spatial models
+//! study/          study file → axes → jobs; the identity of a job. Pure.
+//! model/          bodies, joints, musculotendons, paths: file → checked model; spatial/: Euler parameters, wrapping
+//! skeleton/       a spatial model in joint coordinates: frames, paths around surfaces, moment arms
+//! opensim/        OpenSim models, converted to spatial model files
 //! motion/         joint coordinates over time: file → measured body coordinates
 //! transcription/  (model, measurement, settings) → a sparse nonlinear problem
 //! guess.rs        start guess by inverse dynamics
-//! nlp/            SQP, active sets, regularity: knows no muscles
-//! numerics/       splines, sparse matrices, ranks: knows no biomechanics
+//! nlp/            SQP, active sets, regularity; independent of muscles
+//! numerics/       splines, sparse matrices, ranks; independent of biomechanics
 //! warm.rs         a solved problem as the start of another
 //! solution.rs     a solved problem → loads, errors, functions of time
-//! mesh_error.rs   how far effort and loads are off for the mesh
-//! plausibility.rs warnings on what converged and should not be believed as it is
+//! mesh_error.rs   estimated discretisation error of effort and loads
+//! plausibility.rs warnings about converged results that should not be trusted without checking
 //! uniqueness.rs   how far an answer that is not unique may move; sensitivities
 //! analysis.rs     the runs of a job → its rows
-//! deadline.rs     when a job has to end
+//! deadline.rs     time limit of a job
 //! memory.rs       how much memory a job will take
-//! solve.rs        one job → outcome, the pipeline on one screen. No disk, no printing.
-//! outcome.rs      the rows that a job leaves
-//! names.rs        what names may be
+//! solve.rs        one job → outcome, the whole pipeline. No disk access, no printing.
+//! outcome.rs      the rows of a job
+//! names.rs        which names are allowed
 //! files.rs        files that are written whole or not at all
-//! terminal.rs     the one place that prints, which cannot fail a run
-//! run/            jobs in parallel, kept as they finish; shards, retries, manifest; why a job would run
+//! terminal.rs     the only place that prints; a failed print never fails a run
+//! run/            jobs in parallel, each stored as it finishes; shards, retries, manifest; why a job would run
 //! tables/         the columns, Parquet
 //! compare.rs      results against a baseline, from the tables alone
-//! table1.rs       results beside the thesis' Table 1
-//! report/         a page to look at, from the tables alone
-//! cli/            one file a command
+//! table1.rs       results next to the thesis' Table 1
+//! report/         a page that shows the results, from the tables alone
+//! cli/            one file per command
 //! ```
 //!
-//! Invariants, tested in `tests/it/architecture.rs` and `engine.rs`: dependencies point one way (cli → run → tables, solve →
-//! transcription → nlp, model → numerics); one door a crate (clarabel only in `nlp/qp.rs`, polars only in
-//! `tables/parquet.rs`, rayon and indicatif only in `run/`, clap only in `cli/`); `solve` is a pure function; one thread a
-//! solve; the same tables with 1 or N threads; a job that fails is a row with a status, `Err` is bad input or I/O.
+//! Invariants, tested in `tests/it/architecture.rs` and `engine.rs`: dependencies point one way (cli → run → tables,
+//! solve → transcription → nlp, model → numerics). Some crates are used in one place only (clarabel in `nlp/qp.rs`,
+//! polars in `tables/parquet.rs`, rayon and indicatif in `run/`, clap in `cli/`). `solve` is a pure function. A solve
+//! uses one thread. The tables are the same with 1 or N threads. A job that fails becomes a row with a status; `Err`
+//! means bad input or I/O.
 
-// Index loops read like the formulas they are.
+// Index loops read like the formulas that they implement.
 #![allow(clippy::needless_range_loop)]
 
-/// Version of the solver that results carry, see `build.rs`.
+/// Version of the solver, which is stored with results; see `build.rs`.
 pub const SOLVER: &str = env!("SINEW_SOLVER");
 
 pub mod analysis;

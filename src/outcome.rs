@@ -1,4 +1,4 @@
-//! What one job gives: plain rows, ready for the tables. Missing values are `None`, never NaN.
+//! The outcome of one job: plain rows, ready for the tables. Missing values are `None`, never NaN.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,13 +10,13 @@ use crate::nlp::sqp::SqpStatus;
 pub enum Status {
     /// All three KKT residuals are below the tolerance.
     Converged,
-    /// The SQP iterations ran out.
+    /// The limit of SQP iterations was reached.
     IterationLimit,
-    /// The wall-clock limit passed.
+    /// The wall-clock limit was reached.
     TimeLimit,
     /// The quadratic sub-problem could not be solved.
     QpFailed,
-    /// No step was accepted any more.
+    /// No further step was accepted.
     Stalled,
     /// The constraints contradict each other.
     Infeasible,
@@ -58,7 +58,7 @@ impl From<SqpStatus> for Status {
     }
 }
 
-/// Everything one job leaves behind.
+/// All results of one job.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Outcome {
@@ -70,7 +70,8 @@ pub struct Outcome {
     pub sensitivities: Vec<SensitivityRow>,
     pub optima: Vec<OptimumRow>,
     pub trajectories: Vec<TrajectoryRow>,
-    /// Where a converged solve ended. In no table: kept so that ranks and trajectories can be added later.
+    /// The final point of a converged solve. It is in no table, but stored so that ranks and trajectories can be added
+    /// later.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solution: Option<SolutionPoint>,
 }
@@ -107,24 +108,24 @@ mod base64_doubles {
     }
 }
 
-/// The job's row in `jobs.parquet`, its id and swept values apart.
+/// The job's row in `jobs.parquet`, except its id and swept values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JobRow {
     pub status: Status,
-    /// The reason, where the status is not `converged`.
+    /// The reason, if the status is not `converged`.
     pub error: Option<String>,
     /// Codes of warnings, separated by commas; see [`crate::plausibility`].
     pub warnings: Option<String>,
-    /// What the warnings found, and how the job came about.
+    /// What the warnings found, and how the job was started if not as usual.
     pub remark: Option<String>,
-    /// Of the best start, a second try counted.
+    /// Iterations of the best start, including those of a second attempt.
     pub iterations: Option<i64>,
-    /// Of KKT matrices, all starts and the analysis together.
+    /// Factorisations of KKT matrices, for all starts and the analysis together.
     pub factorisations: Option<i64>,
     pub objective: Option<f64>,
     /// ∫Σa² dt, s
     pub effort: Option<f64>,
-    /// How much too large the effort is for the mesh, an estimate, s
+    /// Estimated discretisation error of the effort, computed minus exact, s
     pub effort_mesh_error: Option<f64>,
     pub tracking_rms_m: Option<f64>,
     pub tracking_rms_deg: Option<f64>,
@@ -142,9 +143,9 @@ pub struct JobRow {
     pub max_activation: Option<f64>,
     /// max |Φ_q q̇| over the collocation points, m/s and rad/s
     pub max_constraint_velocity: Option<f64>,
-    /// How well the equations hold half-way between the points, see the README.
+    /// Largest residual of the equations midway between the points, see the README.
     pub mid_interval_error: Option<f64>,
-    /// Unknowns are put to exact active bounds before ranks are taken; false where that failed.
+    /// Unknowns are moved exactly onto active bounds before ranks are taken; false if that failed.
     pub polished: Option<bool>,
     pub warm_start_from: Option<String>,
     pub solve_s: Option<f64>,
@@ -159,7 +160,7 @@ impl Default for JobRow {
 }
 
 impl JobRow {
-    /// A row of a job that has a status and a reason only.
+    /// The row of a job that has only a status and a reason.
     pub fn failed(status: Status, error: String) -> Self {
         Self {
             status,
@@ -201,7 +202,7 @@ impl Outcome {
         Self { job: JobRow::failed(status, error.into()), ..Self::default() }
     }
 
-    /// Takes over what `other`, the analysis of the same solution, says about ranks and about how the answer may move.
+    /// Takes ranks, muscle rows and sensitivities from `other`, an analysis of the same solution.
     pub fn replace_ranks(&mut self, other: &Self) {
         self.regularity.clone_from(&other.regularity);
         self.spectrum.clone_from(&other.spectrum);
@@ -230,20 +231,20 @@ impl Outcome {
 pub struct RegularityRow {
     pub a: MatrixRank,
     pub aj: MatrixRank,
-    /// With the active conditions f_m ≥ 0 as rows of A too.
+    /// With the active conditions f_m ≥ 0 as additional rows of A.
     pub deficiency_a_with_force: Option<i64>,
     pub deficiency_aj_with_force: Option<i64>,
     /// Some σ/σ_max lies between 1e-15 and 1e-9.
     pub ambiguous: bool,
     /// Whether the predicted deficiencies are met, or met by some cut within that band.
     pub prediction_agrees: Option<bool>,
-    /// A has full row rank: the multipliers are unique. This and what follows only of a converged job.
+    /// A has full row rank: the multipliers are unique. This field and those below are set for converged jobs only.
     pub multipliers_unique: Option<bool>,
     /// [Aᵀ Jᵀ] has full rank: no direction changes neither constraints nor residuals.
     pub answer_unique: Option<bool>,
     /// No such direction moves a muscle's force at a collocation point.
     pub loads_unique: Option<bool>,
-    /// What the directions are made of that change neither constraints nor residuals.
+    /// Description of the directions that change neither constraints nor residuals.
     pub null_space: Option<String>,
 }
 
@@ -281,7 +282,7 @@ pub struct IterationRow {
 pub struct MuscleRow {
     pub muscle: String,
     pub mean_activation: f64,
-    /// The interval of the mean activation over all answers that are as good to first order.
+    /// Interval of the mean activation over all answers that are equally good to first order.
     pub mean_activation_low: Option<f64>,
     pub mean_activation_high: Option<f64>,
     pub peak_activation: f64,
@@ -289,25 +290,25 @@ pub struct MuscleRow {
     /// Share of the time at an activation of 1.
     pub saturated_share: f64,
     pub mean_force_n: f64,
-    /// How much too large the mean force is for the mesh, an estimate.
+    /// Estimated discretisation error of the mean force, computed minus exact.
     pub mean_force_mesh_error_n: Option<f64>,
     pub peak_force_n: f64,
     pub min_force_n: f64,
     pub impulse_n_s: f64,
     pub peak_passive_force_n: f64,
-    /// Optimal fibre lengths.
+    /// In optimal fibre lengths, as is `max_fibre_length`.
     pub min_fibre_length: f64,
     pub max_fibre_length: f64,
     /// |a| ≤ 1e-8 at every collocation point.
     pub idle: bool,
-    /// max |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity, optimal fibre lengths a second.
+    /// max |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity, optimal fibre lengths per second.
     pub ringing: f64,
-    /// Share of inner points where the fibre velocity turns from rising to falling or back.
+    /// Share of inner points at which the fibre velocity changes from rising to falling or back.
     pub direction_changes: f64,
     pub peak_fibre_velocity_per_s: f64,
 }
 
-/// One of the optima that the starts of a job met, the lowest first.
+/// One of the optima found by the starts of a job, the lowest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OptimumRow {
     pub objective: f64,
@@ -319,11 +320,11 @@ pub struct OptimumRow {
     pub deficiency_aj: Option<i64>,
 }
 
-/// How a muscle's mean force follows a parameter.
+/// How a muscle's mean force depends on a parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensitivityRow {
     pub muscle: String,
-    /// `mu`, or the path of a number of the model.
+    /// `mu`, or the path of a numeric parameter of the model.
     pub parameter: String,
     pub parameter_value: f64,
     /// N per unit of the parameter.

@@ -1,4 +1,4 @@
-//! From a solution to rows: loads, activations, residuals of the unscaled problem, functions of time.
+//! Turns a solution into rows: loads, activations, residuals of the unscaled problem, functions of time.
 
 use crate::model::Model;
 use crate::motion::Measurement;
@@ -11,9 +11,9 @@ use crate::transcription::collocation::{BoundKind, Collocation, Combination, eva
 use crate::transcription::instant::{ACTIVATION, EXCITATION, Form, LENGTH, VELOCITY};
 use crate::transcription::scheme::Discretisation;
 
-/// Points at either end where reactions and accelerations of the midpoint scheme ring.
+/// Number of points at each end where reactions and accelerations of the midpoint scheme ring.
 const END_POINTS: usize = 4;
-/// An activation nearer to 1 than this is at its upper bound.
+/// An activation closer to 1 than this counts as being at its upper bound.
 const SATURATED: f64 = 1e-6;
 
 /// A solved problem.
@@ -49,7 +49,7 @@ impl Solution<'_> {
         evaluate(&self.scheme.activation_at(t, muscle), &self.iterate.x)
     }
 
-    /// The job's row, but for status, starts and times.
+    /// The job's row, without status, starts and times.
     pub fn job_row(&self) -> JobRow {
         let (problem, iterate) = (self.problem, self.iterate);
         let muscles = 0..self.model().muscles.len();
@@ -94,7 +94,7 @@ impl Solution<'_> {
         [stationarity, error.complementarity]
     }
 
-    /// Root mean square of the difference to the measured body coordinates: positions (m) and angles (degrees).
+    /// RMS difference from the measured body coordinates: positions (m) and angles (degrees).
     fn tracking_rms(&self) -> (f64, f64) {
         let (each, positions) = self.model().per_body();
         let (mut metres, mut degrees) = (0.0, 0.0);
@@ -112,7 +112,7 @@ impl Solution<'_> {
         ((metres / (positions as f64 * angles)).sqrt(), (degrees / angles).sqrt())
     }
 
-    /// max |Φ_q q̇| over the points: the midpoint scheme imposes Φ = 0 there, not its derivative.
+    /// max |Φ_q q̇| over the points. The midpoint scheme imposes Φ = 0 there, but not its derivative.
     fn max_constraint_velocity(&self) -> f64 {
         let instant = &self.problem.instant;
         let mut worst: f64 = 0.0;
@@ -131,8 +131,8 @@ impl Solution<'_> {
         worst
     }
 
-    /// How well the equations hold where the scheme does not impose them: the largest of |eq. (1)| over total weight, |eq. (3)| in
-    /// normalised force, |Φ| in m and |eq. (4)|·τ half-way between neighbouring points.
+    /// How well the equations hold where the scheme does not impose them: the largest of |eq. (1)| over total weight,
+    /// |eq. (3)| in normalised force, |Φ| in m and |eq. (4)|·τ midway between neighbouring points.
     fn mid_interval_error(&self) -> f64 {
         let instant = &self.problem.instant;
         let mut residual = vec![0.0; instant.equations()];
@@ -152,12 +152,12 @@ impl Solution<'_> {
         worst
     }
 
-    /// ∫ over the motion.
+    /// ∫ f dt over the motion.
     fn integrate(&self, f: impl Fn(f64) -> f64) -> f64 {
         self.quadrature().map(|(t, weight)| weight * f(t)).sum()
     }
 
-    /// Gauss' rule with four points on each polynomial piece, exact to degree 7: instants and weights, s.
+    /// Four-point Gauss quadrature on each polynomial piece, exact up to degree 7: instants and weights, s.
     fn quadrature(&self) -> impl Iterator<Item = (f64, f64)> {
         let (near, far) = (0.339_981_043_584_856_3, 0.861_136_311_594_052_6);
         let rule = [(near, 0.652_145_154_862_546_1), (far, 0.347_854_845_137_453_9)];
@@ -167,7 +167,7 @@ impl Solution<'_> {
         })
     }
 
-    /// Each muscle's mean activation as a combination of x.
+    /// Each muscle's mean activation as a linear combination of the entries of x.
     pub fn mean_activations(&self) -> Vec<Combination> {
         let duration = self.duration();
         (0..self.model().muscles.len())
@@ -183,7 +183,7 @@ impl Solution<'_> {
             .collect()
     }
 
-    /// How the effort ∫Σa² dt (s) changes along a direction.
+    /// Derivative of the effort ∫Σa² dt (s) along a direction.
     pub fn effort_slope(&self, direction: &[f64]) -> f64 {
         let product = |t: f64, m: usize| {
             let combination = self.scheme.activation_at(t, m);
@@ -192,7 +192,7 @@ impl Solution<'_> {
         (0..self.model().muscles.len()).map(|m| 2.0 * self.integrate(|t| product(t, m))).sum()
     }
 
-    /// How the mean force (N) of each muscle changes along a direction.
+    /// Derivative of each muscle's mean force (N) along a direction.
     pub fn mean_force_slopes(&self, direction: &[f64]) -> Vec<f64> {
         let instant = &self.problem.instant;
         let duration = self.duration();
@@ -259,7 +259,8 @@ impl Solution<'_> {
             .collect()
     }
 
-    /// Functions of time (by the clock of the motion file, which `motion.time_scale` stretches from the start on) at the collocation points, and the measured coordinates at the measured instants.
+    /// Functions of time at the collocation points, and the measured coordinates at the measured instants. Times are
+    /// those of the motion file, which `motion.time_scale` stretches from the start of the motion.
     pub fn trajectory_rows(&self) -> Vec<TrajectoryRow> {
         let (model, instant) = (self.model(), &self.problem.instant);
         let names = model.body_coordinate_names();
@@ -342,7 +343,7 @@ impl Solution<'_> {
     }
 }
 
-/// (max |v_{j+1} − 2 v_j + v_{j−1}|/4, share of inner points where v turns)
+/// (max |v_{j+1} − 2 v_j + v_{j−1}|/4, share of inner points at which v turns)
 fn ringing(velocities: &[f64]) -> (f64, f64) {
     let inner = velocities.windows(3);
     let count = inner.len().max(1) as f64;
@@ -351,7 +352,7 @@ fn ringing(velocities: &[f64]) -> (f64, f64) {
     (amplitude, turns as f64 / count)
 }
 
-/// Whether moving along `direction` changes the force of any muscle at any collocation point.
+/// Whether moving along `direction` changes the force of any muscle at any collocation point by more than `threshold`.
 pub fn moves_load(problem: &Collocation<'_>, x: &[f64], direction: &[f64], threshold: f64) -> bool {
     let instant = &problem.instant;
     (0..problem.layout.points.len()).filter(|&j| problem.layout.points[j].complete).any(|j| {

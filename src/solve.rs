@@ -1,5 +1,5 @@
-//! One job to its outcome, the whole pipeline on one screen: measure, transcribe, guess, solve, polish, rank,
-//! report. Pure: no disk, no printing, one thread.
+//! Solves one job, from its task to its outcome: measure, transcribe, guess, solve, polish, rank, report. Pure: no disk
+//! access, no printing, one thread.
 
 use std::sync::Arc;
 use std::time::Instant as Clock;
@@ -28,10 +28,10 @@ use crate::transcription::radau::Radau;
 use crate::transcription::scheme::Discretisation;
 use crate::warm::Answer;
 
-/// Meshes of fewer intervals are not halved any more.
+/// Smallest number of intervals of a coarser mesh.
 const COARSE_INTERVALS: usize = 10;
 
-/// A job to solve: the model with the job's changes made, the motion, the settings, and the number of collocation points.
+/// A job to solve: the model with the job's changes, the motion, the settings, and the number of collocation points.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     pub model: &'a Model,
@@ -40,14 +40,14 @@ pub struct Task<'a> {
     pub points: usize,
 }
 
-/// What a solve begins from.
+/// What a solve starts from.
 #[derive(Clone, Copy)]
-enum Begin<'a> {
+enum StartFrom<'a> {
     /// The start guess by inverse dynamics, or the solution on a coarser mesh where the settings ask for it.
     Guess,
     /// The solution of another job.
     Answer(&'a Answer),
-    /// The solution of this very problem.
+    /// The solution of the same problem.
     Solution(&'a SolutionPoint),
 }
 
@@ -56,17 +56,17 @@ pub fn solve(model: &Model, motion: &MotionTable, settings: &Settings, points: u
     solve_from(Task { model, motion, settings, points }, None).0
 }
 
-/// Solves one job, from the answer of another one if there is one. Returns the outcome and, if it has converged, the
-/// answer that further jobs may start from.
+/// Solves one job, starting from the answer of another one (`before`) if given. Returns the outcome and, if it has
+/// converged, the answer from which other jobs may start.
 pub fn solve_from(task: Task<'_>, before: Option<&Answer>) -> (Outcome, Option<Answer>) {
     let clock = Clock::now();
-    let (mut outcome, answer) = attempt(task, before.map_or(Begin::Guess, Begin::Answer), clock);
+    let (mut outcome, answer) = attempt(task, before.map_or(StartFrom::Guess, StartFrom::Answer), clock);
     outcome.job.wall_s = Some(clock.elapsed().as_secs_f64());
     (outcome, answer)
 }
 
-/// Adds what `task` asks for beyond `solved`, the outcome of the same job with another `regularity` (`had`) or
-/// `trajectories`, without solving again. `None` where that needs another solve.
+/// Adds to `solved`, the outcome of the same job with another `regularity` (`had`) or `trajectories`, what `task` asks
+/// for in addition, without solving again. `None` if that needs another solve.
 pub fn complete(task: Task<'_>, had: RegularityMode, solved: &Outcome) -> Option<Outcome> {
     if !is_completable(had, task.settings) {
         return None;
@@ -80,7 +80,7 @@ pub fn complete(task: Task<'_>, had: RegularityMode, solved: &Outcome) -> Option
         let regularity = if is_new { wanted } else { RegularityMode::Off };
         let settings = Settings { regularity, starts: 1, ..task.settings.clone() };
         let (again, _) =
-            attempt(Task { settings: &settings, ..task }, Begin::Solution(solved.solution.as_ref()?), clock);
+            attempt(Task { settings: &settings, ..task }, StartFrom::Solution(solved.solution.as_ref()?), clock);
         if again.job.status != Status::Converged || again.job.iterations != Some(0) {
             return None;
         }
@@ -93,16 +93,16 @@ pub fn complete(task: Task<'_>, had: RegularityMode, solved: &Outcome) -> Option
     Some(outcome)
 }
 
-/// Whether [`complete`] can turn an outcome with the regularity `had` into what `settings` ask for. Ranks at every
-/// iteration need all iterates, and ranks at several optima all of these; only the best solution is kept.
+/// Whether [`complete`] can turn an outcome with the regularity `had` into what `settings` ask for. Only the best
+/// solution is stored, but ranks at every iteration need all iterates, and ranks at several optima need all optima.
 pub fn is_completable(had: RegularityMode, settings: &Settings) -> bool {
     let wanted = settings.regularity;
     let has_all = had != RegularityMode::Off || settings.starts == 1;
     wanted == had || (wanted != RegularityMode::EveryIteration && (wanted == RegularityMode::Off || has_all))
 }
 
-/// The answer on a mesh of half as many intervals, itself started from half of those; `None` where the mesh cannot be
-/// halved.
+/// The answer on a mesh with half as many intervals, itself started from one with half as many, and so on. `None` if
+/// the settings do not ask for it, or the mesh cannot be halved.
 fn coarser(task: Task<'_>, clock: Clock) -> Option<Answer> {
     let intervals = task.points - 1;
     if task.settings.warm_start != WarmStart::Mesh || intervals % 2 == 1 || intervals / 2 < COARSE_INTERVALS {
@@ -110,13 +110,14 @@ fn coarser(task: Task<'_>, clock: Clock) -> Option<Answer> {
     }
     let settings =
         Settings { starts: 1, regularity: RegularityMode::Off, trajectories: false, ..task.settings.clone() };
-    attempt(Task { settings: &settings, points: intervals / 2 + 1, ..task }, Begin::Guess, clock).1
+    attempt(Task { settings: &settings, points: intervals / 2 + 1, ..task }, StartFrom::Guess, clock).1
 }
 
-fn attempt(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> (Outcome, Option<Answer>) {
+/// Solves a job, turns a failure into an outcome, and adds the warnings.
+fn attempt(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> (Outcome, Option<Answer>) {
     let (mut outcome, answer) =
-        solved(task, begin, clock).unwrap_or_else(|(status, reason)| (Outcome::failed(status, reason), None));
-    // A motion in the wrong unit may be why a job failed.
+        try_solve(task, from, clock).unwrap_or_else(|(status, reason)| (Outcome::failed(status, reason), None));
+    // A motion in the wrong unit may be the reason for a failure.
     let motion = plausibility::of_motion(task.motion, task.model, task.settings);
     warn(&mut outcome, motion, task.model, task.settings);
     (outcome, answer)
@@ -125,7 +126,7 @@ fn attempt(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> (Outcome, Option<A
 /// Why a job has no result.
 type Failure = (Status, String);
 
-fn solved(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> Result<(Outcome, Option<Answer>), Failure> {
+fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outcome, Option<Answer>), Failure> {
     let Task { model, motion, settings, points } = task;
     let deadline = Deadline::after(clock, settings.time_limit_s);
     let size = memory::Size::of(&instant_of(model, settings), settings, points);
@@ -137,10 +138,10 @@ fn solved(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> Result<(Outcome, Op
     in_time(deadline)?;
     let sqp_settings = SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() };
     let begun = Clock::now();
-    let warm = match begin {
-        Begin::Guess => coarser(task, clock).map(|answer| answer.start(&problem, scheme.as_ref())),
-        Begin::Answer(answer) => Some(answer.start(&problem, scheme.as_ref())),
-        Begin::Solution(solution) => Some(start_at(solution, &problem)),
+    let warm = match from {
+        StartFrom::Guess => coarser(task, clock).map(|answer| answer.start(&problem, scheme.as_ref())),
+        StartFrom::Answer(answer) => Some(answer.start(&problem, scheme.as_ref())),
+        StartFrom::Solution(solution) => Some(start_at(solution, &problem)),
     };
     let guess = || start_guess(&instant, scheme.as_ref(), points, &measurement, deadline);
     let (is_warm, is_alone) = (warm.is_some(), warm.is_some() && settings.starts == 1);
@@ -154,14 +155,14 @@ fn solved(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> Result<(Outcome, Op
     let mut kkt = Kkt::new(&problem);
     size.check_solving(kkt.bytes(), problem.variables(), settings).map_err(|reason| (Status::Invalid, reason))?;
     in_time(deadline)?;
-    // If no warm start converges, the start guess by inverse dynamics is tried.
+    // The reserve after a warm start: if no start converges, the start guess by inverse dynamics is tried.
     let cold = || guess().map(|guess| disturbed(&guess, 0));
     let starts = warm.into_iter().chain(rest);
     let runs = solve_all(&mut kkt, &problem, starts, is_warm.then_some(&cold as &dyn Fn() -> _), sqp_settings);
     let solve_s = begun.elapsed().as_secs_f64();
     let run = &runs.best;
     if run.status == SqpStatus::NonFinite {
-        return Err((Status::NonFinite, "a function or derivative is not finite along the way".to_owned()));
+        return Err((Status::NonFinite, "a function or derivative became non-finite during the solve".to_owned()));
     }
 
     let ranked = Clock::now();
@@ -181,7 +182,7 @@ fn solved(task: Task<'_>, begin: Begin<'_>, clock: Clock) -> Result<(Outcome, Op
     Ok((outcome, answer))
 }
 
-/// The start at a solution of the same problem.
+/// A start at the solution of the same problem.
 fn start_at(solution: &SolutionPoint, problem: &Collocation<'_>) -> Start {
     let active = active(&Iterate::new(problem, solution.x.clone()).inequalities);
     let (lambda, nu) = (solution.equality_multipliers.clone(), solution.inequality_multipliers.clone());
@@ -204,7 +205,7 @@ fn in_time(deadline: Deadline) -> Result<(), Failure> {
     if deadline.passed() { Err(late()) } else { Ok(()) }
 }
 
-/// Solves from each start, as far as the time reaches; if none converges, from the one in reserve.
+/// Solves from each start, as far as the time limit allows; if none converges, from the one in reserve.
 fn solve_all(
     kkt: &mut Kkt,
     problem: &Collocation<'_>,
@@ -228,20 +229,20 @@ fn solve_all(
     runs
 }
 
-/// Adds the warnings, on the motion and on the answer, after what is remarked already.
+/// Adds the warnings about the motion and the answer; their texts follow the existing remark.
 fn warn(outcome: &mut Outcome, motion: Option<Warning>, model: &Model, settings: &Settings) {
     let mut warnings = Vec::from_iter(motion);
     let found = plausibility::of_answer(&outcome.job, &outcome.muscles, model, settings);
-    // What keeps a job from converging may show in its fibres; the rest is no answer.
-    let is_telling = |warning: &Warning| ["passive", "fibre_length"].contains(&warning.code);
-    warnings.extend(found.into_iter().filter(|w| outcome.job.status == Status::Converged || is_telling(w)));
+    // A job that has not converged has no answer to warn about, but its fibres may show why it failed.
+    let may_explain_failure = |warning: &Warning| ["passive", "fibre_length"].contains(&warning.code);
+    warnings.extend(found.into_iter().filter(|w| outcome.job.status == Status::Converged || may_explain_failure(w)));
     let (codes, words) = plausibility::said(&warnings);
     outcome.job.warnings = codes;
     let remarks: Vec<String> = outcome.job.remark.take().into_iter().chain(words).collect();
     outcome.job.remark = (!remarks.is_empty()).then(|| remarks.join("; "));
 }
 
-/// How the motion is measured for a job with these settings.
+/// How to measure the motion for a job with these settings.
 pub fn motion_settings(settings: &Settings) -> MotionSettings {
     MotionSettings {
         measurement_ratio: settings.measured_per_interval(),
@@ -253,7 +254,7 @@ pub fn motion_settings(settings: &Settings) -> MotionSettings {
     }
 }
 
-/// The equations at an instant, in the form that the scheme of `settings` wants.
+/// The equations at an instant, in the form that the scheme of `settings` needs.
 fn instant_of<'m>(model: &'m Model, settings: &Settings) -> Instant<'m> {
     match settings.scheme {
         Scheme::Midpoint => Instant::new(model, Form::SecondOrder),
@@ -261,7 +262,7 @@ fn instant_of<'m>(model: &'m Model, settings: &Settings) -> Instant<'m> {
     }
 }
 
-/// The equations at an instant and the scheme that `settings` ask for, on `points` points (p) over `duration` seconds.
+/// The equations at an instant and the scheme of `settings`, on `points` points (p) over `duration` seconds.
 pub fn discretise<'m>(
     model: &'m Model,
     settings: &Settings,
@@ -279,7 +280,7 @@ pub fn discretise<'m>(
     (instant, scheme)
 }
 
-/// Rows of the load-sharing term by muscle, without μ; none with μ = 0.
+/// Rows of the load-sharing term by muscle, without the factor μ; none if μ = 0.
 fn sharing_rows(
     model: &Model,
     scheme: &dyn Discretisation,
@@ -296,7 +297,7 @@ fn sharing_rows(
     (0..model.muscles.len()).map(|m| instants.iter().map(|&t| scheme.activation_at(t, m)).collect()).collect()
 }
 
-/// What the predicted deficiencies depend on beside the problem.
+/// What the predicted deficiencies depend on in addition to the problem.
 pub fn prediction_setting(
     model: &Model,
     scheme: &dyn Discretisation,
@@ -309,7 +310,7 @@ pub fn prediction_setting(
     }
 }
 
-/// The problem of eq. (26): tracking of all body coordinates at the measured instants, and μ a.
+/// The problem of eq. (26), with the residuals of all body coordinates at the measured instants, and μ a.
 pub fn transcribe<'m>(
     instant: &Instant<'m>,
     scheme: &dyn Discretisation,
@@ -333,8 +334,8 @@ pub fn transcribe<'m>(
     Collocation::new(instant.clone(), scheme.layout(instant), &rows, data, &settings.bounds.kinds(), activation_weight)
 }
 
-/// Start k: the guess itself for k = 0; else its fibre lengths given a random alternation and its activations
-/// a random factor and offset, seeded by (seed, k).
+/// Start k. For k = 0 this is the guess itself. Otherwise a random alternation is added to its fibre lengths, and its
+/// activations get a random factor and offset, seeded by (seed, k).
 pub fn disturb(guess: &[f64], scheme: &dyn Discretisation, model: &Model, seed: u64, k: usize) -> Vec<f64> {
     let mut x = guess.to_vec();
     if k == 0 {
@@ -359,7 +360,7 @@ pub fn disturb(guess: &[f64], scheme: &dyn Discretisation, model: &Model, seed: 
     x
 }
 
-/// Why a run did not converge.
+/// Why a run did not converge, with its residuals; `None` if it converged.
 pub fn reason(run: &SqpOutcome) -> Option<String> {
     let error = run.iterate.kkt_error();
     let residuals = format!(
@@ -371,9 +372,9 @@ pub fn reason(run: &SqpOutcome) -> Option<String> {
         SqpStatus::IterationLimit => {
             format!("stopped after {} SQP iterations in all; raise max_iterations", run.iterations())
         }
-        SqpStatus::TimeLimit => "the time limit of the job passed; raise time_limit_s".to_owned(),
+        SqpStatus::TimeLimit => "the job reached its time limit; raise time_limit_s".to_owned(),
         SqpStatus::QpFailed => "the quadratic sub-problem could not be solved".to_owned(),
-        SqpStatus::Stalled => "no step is accepted any more".to_owned(),
+        SqpStatus::Stalled => "no further step is accepted".to_owned(),
         SqpStatus::Infeasible => "the constraints contradict each other near the last iterate".to_owned(),
         SqpStatus::NonFinite => "a function or derivative is not finite".to_owned(),
     };

@@ -1,4 +1,4 @@
-//! What the page is made from: the manifest, the tables column by column, the thesis' numbers and curves, a baseline.
+//! Gathers the data of the report page: manifest, tables by column, the thesis' numbers and curves, and a baseline.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
@@ -13,8 +13,8 @@ use crate::run::manifest::Manifest;
 use crate::table1::THESIS;
 use crate::tables::{self, Table, Values, schema};
 
-/// Cells of a table that the page takes, at most; jobs beyond are named as left out.
-const CELLS: [(&str, usize); 9] = [
+/// The tables on the page, each with the largest number of cells it may contribute. A note reports omitted jobs.
+const CELL_LIMITS: [(&str, usize); 9] = [
     ("jobs", usize::MAX),
     ("regularity", 400_000),
     ("muscles", 600_000),
@@ -25,9 +25,9 @@ const CELLS: [(&str, usize); 9] = [
     ("sensitivities", 60_000),
     ("trajectories", 900_000),
 ];
-/// Columns that a page of many jobs does without.
+/// A page of more jobs than this omits [`OPTIONAL_COLUMNS`].
 const MANY_JOBS: usize = 2_000;
-const OF_FEW: [&str; 8] = [
+const OPTIONAL_COLUMNS: [&str; 8] = [
     "impulse_n_s",
     "min_force_n",
     "direction_changes",
@@ -37,24 +37,25 @@ const OF_FEW: [&str; 8] = [
     "sigma_max_a",
     "sigma_max_aj",
 ];
-/// Tables of a baseline whose curves are drawn beside the new ones.
-const OF_BASELINE: [&str; 4] = ["jobs", "muscles", "ratios", "trajectories"];
-/// Changes against a baseline that are listed.
-const CHANGES: usize = 2_000;
+/// Baseline tables whose curves are drawn with the new ones.
+const BASELINE_TABLES: [&str; 4] = ["jobs", "muscles", "ratios", "trajectories"];
+/// Largest number of changes against a baseline to list.
+const MAX_CHANGES: usize = 2_000;
 
+/// All data of the page, as `page.js` and `figures.js` read it.
 pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
     let Some(manifest) = Manifest::read(dir)? else {
-        let reason = "there is no manifest.json in it, so it is no results folder; `sinew run STUDY` makes one";
+        let reason = "it contains no manifest.json, so it is not a results folder; `sinew run STUDY` creates one";
         return Err(Error::table("report on", dir, reason));
     };
     let mut notes: Vec<String> = manifest
         .altered(dir)
         .into_iter()
-        .map(|name| format!("{name} is not the file that the manifest speaks of"))
+        .map(|name| format!("{name} is not the file recorded in the manifest"))
         .collect();
     let found = read_all(dir, &mut notes)?;
     let jobs = found.get("jobs").and_then(|jobs| jobs["rows"].as_u64()).unwrap_or_default() as usize;
-    let beside = baseline.map(|baseline| beside(dir, baseline, &mut notes)).transpose()?;
+    let beside = baseline.map(|baseline| baseline_data(dir, baseline, &mut notes)).transpose()?;
     let units: Map<String, Json> =
         manifest.axes.iter().map(|axis| (axis.clone(), json!(tables::axis_unit(axis)))).collect();
     let study = &manifest.study;
@@ -69,7 +70,7 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
         },
         "sinew": manifest.sinew,
         "host": manifest.host,
-        // A baseline's manifest names no jobs.
+        // The manifest of a baseline lists no jobs.
         "planned": manifest.jobs.len().max(jobs),
         "axes": manifest.axes,
         "units": units,
@@ -86,7 +87,7 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
 fn read_all(dir: &Path, notes: &mut Vec<String>) -> Result<Map<String, Json>> {
     let mut found = Map::new();
     let mut many = false;
-    for (name, cells) in CELLS {
+    for (name, cells) in CELL_LIMITS {
         let path = dir.join(format!("{name}.parquet"));
         if !path.exists() {
             continue;
@@ -94,19 +95,21 @@ fn read_all(dir: &Path, notes: &mut Vec<String>) -> Result<Map<String, Json>> {
         let mut table = tables::read(name, &path)?;
         many |= name == "jobs" && table.rows() > MANY_JOBS;
         if many {
-            table.columns.retain(|(column, _)| !OF_FEW.contains(&column.as_str()));
+            table.columns.retain(|(column, _)| !OPTIONAL_COLUMNS.contains(&column.as_str()));
         }
         let rows = whole_jobs(&table, cells);
         if rows < table.rows() {
-            let jobs = jobs_of(&table, rows);
-            notes.push(format!("of {name} the page has the first {jobs} jobs; all are in {name}.parquet"));
+            let jobs = count_jobs(&table, rows);
+            notes.push(format!(
+                "the page shows only the first {jobs} jobs of the table {name}; {name}.parquet contains all of them"
+            ));
         }
         found.insert(name.to_owned(), columns(&table, rows));
     }
     Ok(found)
 }
 
-/// The number of rows, of no more than so many cells, that ends with the last row of a job.
+/// The largest number of leading rows that has at most `cells` cells and ends with the last row of a job.
 fn whole_jobs(table: &Table, cells: usize) -> usize {
     let most = cells / table.columns.len().max(1);
     if table.rows() <= most {
@@ -116,11 +119,13 @@ fn whole_jobs(table: &Table, cells: usize) -> usize {
     (1..=most).rev().find(|&row| job(row) != job(row - 1)).unwrap_or(0)
 }
 
-fn jobs_of(table: &Table, rows: usize) -> usize {
+/// The number of jobs in the first `rows` rows.
+fn count_jobs(table: &Table, rows: usize) -> usize {
     (0..rows).filter_map(|row| table.text("job_id", row)).collect::<HashSet<_>>().len()
 }
 
-/// `{rows, columns: [{name, unit, values}]}`; texts as `{name, words, at}`, −1 where missing.
+/// The first `rows` rows as `{rows, columns: [{name, unit, values}]}`. A text column is `{name, words, at}`: the
+/// distinct texts, and for each row the index of its text, −1 if missing.
 fn columns(table: &Table, rows: usize) -> Json {
     let mut columns = Vec::new();
     for (name, values) in &table.columns {
@@ -150,7 +155,7 @@ fn columns(table: &Table, rows: usize) -> Json {
     json!({ "rows": rows, "columns": columns })
 }
 
-/// Figures 2 to 4 of the thesis: the curves of every muscle with its default parameters.
+/// The muscle curves with default parameters, as in Figures 2 to 4 of the thesis.
 fn curves() -> Json {
     let sampled = |curve: &dyn Fn(f64) -> f64, from: f64, to: f64| -> Vec<[f64; 2]> {
         (0..=100).map(|i| from + (to - from) * f64::from(i) / 100.0).map(|x| [x, curve(x)]).collect()
@@ -162,15 +167,15 @@ fn curves() -> Json {
           "points": sampled(&value(active_force_length), 0.3, 1.8) },
         { "title": "Passive force–length", "figure": "Figure 2", "x": "fibre length / optimal", "y": "force / maximum",
           "points": sampled(&value(passive_force_length), 0.3, 1.55) },
-        { "title": "Force–velocity", "figure": "Figure 3", "x": "fibre velocity / maximum shortening", "y": "force / isometric",
-          "points": sampled(&|v| velocity.at(v).value, -1.0, 1.0) },
+        { "title": "Force–velocity", "figure": "Figure 3", "x": "fibre velocity / maximum shortening",
+          "y": "force / isometric", "points": sampled(&|v| velocity.at(v).value, -1.0, 1.0) },
         { "title": "Tendon", "figure": "Figure 4", "x": "strain", "y": "force / maximum",
           "points": sampled(&tendon_force, 0.0, 0.035) },
     ])
 }
 
-/// The baseline's own tables, and what has changed.
-fn beside(dir: &Path, baseline: &Path, notes: &mut Vec<String>) -> Result<Json> {
+/// The baseline's tables and the changes against it.
+fn baseline_data(dir: &Path, baseline: &Path, notes: &mut Vec<String>) -> Result<Json> {
     let comparison = compare(dir, baseline, &Tolerances::read(baseline, &[])?)?;
     notes.extend(comparison.warnings.iter().cloned());
     let counts: BTreeMap<&str, usize> = comparison.counts();
@@ -178,17 +183,18 @@ fn beside(dir: &Path, baseline: &Path, notes: &mut Vec<String>) -> Result<Json> 
     for (job, verdict) in &comparison.jobs {
         if let Verdict::Changed { cells } = verdict {
             changes.extend(cells.iter().map(|change| {
-                json!({ "job": job.index, "job_id": job.job_id, "table": change.table, "row": change.row, "column": change.column,
-                        "baseline": change.baseline, "found": change.found, "tolerance": change.tolerance })
+                json!({ "job": job.index, "job_id": job.job_id, "table": change.table, "row": change.row,
+                        "column": change.column, "baseline": change.baseline, "found": change.found,
+                        "tolerance": change.tolerance })
             }));
         }
     }
-    if changes.len() > CHANGES {
-        notes.push(format!("{} cells have changed; the page lists the first {CHANGES}", changes.len()));
-        changes.truncate(CHANGES);
+    if changes.len() > MAX_CHANGES {
+        notes.push(format!("{} cells have changed; the page lists the first {MAX_CHANGES}", changes.len()));
+        changes.truncate(MAX_CHANGES);
     }
     let mut old = Map::new();
-    for (name, cells) in CELLS.into_iter().filter(|(name, _)| OF_BASELINE.contains(name)) {
+    for (name, cells) in CELL_LIMITS.into_iter().filter(|(name, _)| BASELINE_TABLES.contains(name)) {
         let path = baseline.join(format!("{name}.parquet"));
         if path.exists() {
             let table = tables::read(name, &path)?;

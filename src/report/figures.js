@@ -1,14 +1,15 @@
 'use strict';
-// The figures of a report from its tables: what is drawn, not where. The page shows them (page.js), `sinew report --svg` writes them.
-// A figure: `name` (of its file), `title`, `alt` (for those who hear it), `option(look)` (what ECharts is told), and `rem`, a height, if it is
-// not the usual one. A look: colours `ink`, `soft`, `line`, `paper`, `width` and `height` in pixels, `still` where nothing can be clicked. Nothing is computed that a
-// table does not say, but for the choice of rows.
+// Defines the figures of a report from its tables. page.js shows them on the page; `sinew report --svg` writes them to files.
+//
+// A figure has a `name` (of its file), a `title`, an `alt` text for screen readers, `option(look)`, which returns the ECharts options, and an
+// optional height `rem`. A look has the colours `ink`, `soft`, `line` and `paper`, `width` and `height` in pixels, and `still`, set if the
+// figure is not interactive. All values come straight from a table; only the rows are chosen here.
 const sinewFigures = (report) => {
-  // Okabe and Ito's palette, told apart by colour-blind eyes; then other shapes of line.
+  // Okabe and Ito's palette, which colour-blind readers can tell apart. When the colours run out, line styles change.
   const COLOURS = ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#8c6d00', '#7f7f7f'];
   const DASHES = ['solid', 'dashed', 'dotted'];
   const SYMBOLS = ['circle', 'rect', 'triangle', 'diamond'];
-  // More muscles than this, and each has a figure of its own.
+  // If there are more muscles than this, each gets its own figure.
   const TOGETHER = 8;
 
   // ---- tables -------------------------------------------------------------------------------------------------------------------
@@ -40,7 +41,7 @@ const sinewFigures = (report) => {
     }
   }
 
-  // The tables of a results folder, and which of their rows are a job's.
+  // The tables of a results folder, with the rows of each job.
   class Results {
     constructor(tables) {
       for (const name of ['jobs', 'regularity', 'muscles', 'ratios', 'iterations', 'spectrum', 'optima', 'sensitivities', 'trajectories']) {
@@ -48,7 +49,7 @@ const sinewFigures = (report) => {
       }
       this.rowsOf = {};
     }
-    // Rows of a table that are of the job in a row of `jobs`.
+    // Rows of a table that belong to a job, given by its row in `jobs`.
     of(table, job) {
       this.rowsOf[table] ??= this[table].has('job_id') ? this[table].by('job_id') : new Map();
       return this.rowsOf[table].get(this.jobs.at('job_id', job)) ?? [];
@@ -62,7 +63,7 @@ const sinewFigures = (report) => {
       const row = this.of('ratios', job).find((r) => ratioName(this, r) === name);
       return row === undefined ? null : this.ratios.at('value', row);
     }
-    // Converged jobs with these values of axes (as texts).
+    // Converged jobs with the axis values `rest` (as texts).
     converged(rest) {
       const rows = [];
       for (let row = 0; row < this.jobs.rows; row++) {
@@ -70,7 +71,7 @@ const sinewFigures = (report) => {
       }
       return rows;
     }
-    // [[x, value, job]] of converged jobs, by x.
+    // [[x, value, job]] of converged jobs, sorted by x.
     along(x, rest, value) {
       if (!this.jobs.has(x)) return [];
       const points = this.converged(rest).map((job) => [this.jobs.at(x, job), value(this, job), job]).filter(([a, b]) => a !== null && b !== null);
@@ -79,7 +80,7 @@ const sinewFigures = (report) => {
   }
   const ratioName = (results, row) => `${results.ratios.at('ratio', row)} (${results.ratios.at('measure', row)})`;
   const compare = (a, b) => a - b;
-  // Numbers by size, texts as the study has them.
+  // Numbers in ascending order, texts in the order of the study.
   const distinct = (values) => { const all = [...new Set(values)]; return all.every((value) => typeof value === 'number') ? all.sort(compare) : all; };
 
   const now = new Results(report.tables);
@@ -92,26 +93,26 @@ const sinewFigures = (report) => {
   // ---- texts --------------------------------------------------------------------------------------------------------------------
 
   const exact = (value) => (value === null || value === undefined ? '–' : String(value));
-  // Six digits for the eye; the title of a cell, or what appears over a point, has them all.
+  // Six digits. The title of a cell and the tooltip of a point show all digits.
   const short = (value) => (typeof value === 'number' && !Number.isInteger(value) ? String(Number(value.toPrecision(6))) : exact(value));
   const withUnit = (name, unit) => (unit && unit !== '1' ? `${name}, ${unit}` : name);
   const axisName = (axis) => withUnit(axis, report.units[axis]);
-  // Of a file's name, which has a limit.
+  // A part of a file name, which has a limited length.
   const slug = (text) => text.replace(/[^\w.-]+/g, '_').replace(/^_+|_+$/g, '').slice(0, 70);
 
   // ---- kinds of figure ----------------------------------------------------------------------------------------------------------
 
-  // Lines of more points are drawn without symbols; a range wider than this has an axis of decades.
+  // Lines with more than POINTS points have no symbols. A range of x wider than the factor WIDE gets a logarithmic axis.
   const [POINTS, WIDE] = [100, 50];
   const LEGEND = 170;
   const GRID = { left: 72, right: 14, top: 40, bottom: 44 };
-  // All that ECharts is told: what figures have in common, in a theme's colours, and the figure's own.
+  // The complete ECharts options: those common to all figures, in the colours of the theme, and the figure's own.
   const chartOption = (figure, look) => {
     const { ink, soft, line, paper } = look;
     const axis = { axisLine: { onZero: false, lineStyle: { color: soft } }, axisLabel: { color: soft, hideOverlap: true }, nameTextStyle: { color: soft }, splitLine: { lineStyle: { color: line } } };
     const made = figure.option(look);
     for (const side of ['xAxis', 'yAxis']) made[side] = { ...axis, nameLocation: 'middle', nameGap: side === 'xAxis' ? 26 : 54, ...made[side], axisLabel: { ...axis.axisLabel, ...made[side].axisLabel } };
-    // What cannot be scrolled has a long legend at its side.
+    // A still figure cannot scroll its legend, so a long legend goes to the side.
     const names = new Set(made.series.map((one) => one.name));
     const aside = look.still && names.size > 4 && made.legend?.show !== false;
     return {
@@ -122,11 +123,11 @@ const sinewFigures = (report) => {
       tooltip: { trigger: 'item', confine: true, backgroundColor: paper, borderColor: line, textStyle: { color: ink, fontSize: 12 }, ...made.tooltip },
     };
   };
-  // Tooltips are HTML, and names may be anything.
+  // Escapes names in tooltips, which are HTML.
   const tip = (parts, ...values) => String.raw({ raw: parts }, ...values.map((value) => String(value).replace(/[&<>"']/g, (one) => `&#${one.charCodeAt(0)};`)));
   const styled = (k) => ({ lineStyle: { type: DASHES[Math.floor(k / COLOURS.length) % DASHES.length], width: 2 }, symbol: SYMBOLS[k % SYMBOLS.length], symbolSize: 6, itemStyle: { color: COLOURS[k % COLOURS.length] } });
   const named = (series) => `${series.length} line(s): ${series.map((one) => one.name).join(', ')}`;
-  // Lines [{name, points: [[x, y], …], style, dashed}] over a common axis; on a `log` axis by the exponent, nothing below 1e-16.
+  // Lines [{name, points: [[x, y], …], style, dashed}] over a common axis. With `log`, y is plotted as its decimal exponent, at least −16.
   const lines = (name, title, { x, y, series, log, symbols = true, extra = [] }) => {
     const [least, most] = series.flatMap((one) => one.points).reduce(([low, high], [a]) => [Math.min(low, a), Math.max(high, a)], [Infinity, -Infinity]);
     const decades = least > 0 && most >= WIDE * least;
@@ -137,7 +138,7 @@ const sinewFigures = (report) => {
       option: () => ({
         xAxis: { type: decades ? 'log' : 'value', name: x, scale: true },
         yAxis: { type: 'value', name: y, scale: true, axisLabel: log ? { formatter: (v) => `1e${v}` } : {} },
-        // Over a point that is drawn its own value, else those of all lines there.
+        // The tooltip of a symbol shows its own value; without symbols it shows the values of all lines at that x.
         tooltip: symbols
           ? { formatter: (point) => tip`${point.seriesName}<br>${x}: ${exact(point.value[0])}<br>${y}: ${value(point)}` }
           : { trigger: 'axis', formatter: (points) => [tip`${x}: ${exact(points[0].value[0])}`, ...points.map((point) => point.marker + tip`${point.seriesName}: ${value(point)}`)].join('<br>') },
@@ -150,7 +151,7 @@ const sinewFigures = (report) => {
       }),
     };
   };
-  // Bars [{name, points: [[category, y], …], style, dashed, ends: [[category, low, high], …]}] over an axis of names.
+  // Bars [{name, points: [[category, y], …], style, dashed, ends: [[category, low, high], …]}] over an axis of categories.
   const bars = (name, title, { x, y, categories, series }) => ({
     name, title, alt: `${title}: ${y} for each ${x}, ${series.length} bar(s) each: ${series.map((one) => one.name).join(', ')}`,
     option: ({ ink }) => {
@@ -178,14 +179,15 @@ const sinewFigures = (report) => {
     },
   });
 
-  // ---- loads over what was swept ------------------------------------------------------------------------------------------------
+  // ---- loads against the swept axes ---------------------------------------------------------------------------------------------
 
-  // A choice {measure, x, against, rest}, made whole: `against` is 'lines' or an axis for maps, `rest` a value (as a text) of every other axis.
+  // Completes a choice {measure, x, against, rest}: `against` is 'lines', or the second axis of a map; `rest` has a value (as a text) of every
+  // other axis.
   const ofLoads = (given = {}) => {
     const choice = { measure: MEASURES[0]?.[0], x: axes.filter((axis) => jobs.isNumber(axis)).pop() ?? axes[axes.length - 1], against: 'lines', ...given };
     if (choice.against === choice.x) choice.against = 'lines';
     const others = axes.filter((axis) => axis !== choice.x && axis !== choice.against);
-    // Of what else was swept, the first values along which most jobs are.
+    // By default the combination of the other axes' values that has the most converged jobs; the first one if several do.
     const key = (row) => JSON.stringify(others.map((axis) => String(jobs.at(axis, row))));
     const wanted = (row) => others.every((axis) => given.rest?.[axis] === undefined || given.rest[axis] === String(jobs.at(axis, row)));
     const lengths = new Map();
@@ -208,7 +210,7 @@ const sinewFigures = (report) => {
     ].filter((one) => one.points.length);
     const groups = muscleNames.length > TOGETHER ? muscleNames.map((name) => [name]) : [muscleNames];
     const ratios = distinct(Array.from({ length: now.ratios.rows }, (_, row) => ratioName(now, row)));
-    // A muscle that is not in these jobs has no figure.
+    // A muscle without values in these jobs gets no figure.
     return [
       ...groups.flatMap((group) => {
         const series = both(group, (name) => (results, job) => results.muscle(job, name, measure));
@@ -220,7 +222,7 @@ const sinewFigures = (report) => {
       ...ratios.map((name) => figure(`ratio-over-${slug(x)}-${slug(name)}`, `Ratio: ${name}`, 'ratio', both([name], (ratio) => (results, job) => results.ratio(job, ratio)))),
     ];
   };
-  // [[x, low, high]] between which a mean activation may be to first order; empty if it is unique.
+  // [[x, low, high]]: the interval of a mean activation to first order; empty if it is unique.
   const notUnique = (name, x, rest) => {
     const ends = now.along(x, rest, (results, job) => results.muscle(job, name, 'mean_activation_low')).map(([a, low, job]) => [a, low, now.muscle(job, name, 'mean_activation_high')]).filter((e) => e[2] !== null);
     return ends.some(([, low, high]) => high - low > 1e-9) ? ends : [];
@@ -244,7 +246,7 @@ const sinewFigures = (report) => {
         grid: { top: 14, bottom: 84 }, legend: { show: false },
         xAxis: { type: 'category', data: xs.map(short), name: axisName(x) }, yAxis: { type: 'category', data: ys.map(short), name: axisName(y) },
         tooltip: { formatter: (p) => tip`${title}<br>${x}: ${exact(xs[p.value[0]])}<br>${y}: ${exact(ys[p.value[1]])}<br>${unit}: ${exact(p.value[2])}` },
-        // Cividis, of even lightness to all eyes.
+        // Cividis, whose lightness rises evenly for every reader.
         visualMap: { min: Math.min(...values), max: Math.max(...values), calculable: true, orient: 'horizontal', left: 'center', bottom: 0, itemHeight: 90, textStyle: { color: ink }, inRange: { color: ['#00224e', '#35456c', '#666970', '#948e77', '#c8b866', '#fee838'] } },
         series: [{ type: 'heatmap', name: title, data: cells }],
       }),
@@ -254,7 +256,7 @@ const sinewFigures = (report) => {
   // ---- one job ------------------------------------------------------------------------------------------------------------------
 
   const SIGNALS = [['activation', 'Activation', ''], ['excitation', 'Excitation', ''], ['force_n', 'Muscle force', 'N'], ['fibre_length', 'Fibre length', 'optimal'], ['fibre_velocity', 'Fibre velocity', 'optimal lengths/s'], ['reaction_n', 'Joint reactions', 'N']];
-  // The first job that has an answer, or the first.
+  // The first converged job, or the first job if none has converged.
   const firstJob = () => now.converged({})[0] ?? 0;
   const ofJob = (job) => [...convergence(job), ...singularValues(job), ...overTime(job)];
   const convergence = (job) => {
@@ -290,7 +292,7 @@ const sinewFigures = (report) => {
     }
     return signals;
   };
-  // The baseline's job of the same id, or else of the same values of all axes.
+  // The baseline's job with the same id, or else with the same value of every axis.
   const oldJob = (job) => {
     const all = Array.from({ length: old.jobs.rows }, (_, row) => row);
     const same = (columns) => all.find((row) => columns.every((name) => exact(old.jobs.at(name, row)) === exact(jobs.at(name, job))));
@@ -301,7 +303,7 @@ const sinewFigures = (report) => {
     const before = old ? oldJob(job) : undefined;
     const oldSignals = before === undefined ? new Map() : signalsOf(old, before);
     const all = (from, signal) => [...(from.get(signal) ?? [])].map(([name, points]) => ({ name, points }));
-    // A signal, with another (measured, or the baseline's) dashed in the same colours.
+    // A signal, with others (measured, or from the baseline) dashed in the same colours.
     const withOther = (signal, others) => {
       const solved = all(signals, signal);
       const place = (name) => solved.findIndex((one) => one.name === name);
@@ -319,7 +321,7 @@ const sinewFigures = (report) => {
       ...stickFigures(signals.get('bone_point_m'), signals.get('path_point_m')),
     ];
   };
-  // Which bounds are active when: bound × time.
+  // Active bounds over time: a map of bound × time.
   const activeBounds = (bounds) => {
     if (!bounds) return [];
     const names = [...bounds.keys()].sort().reverse();
@@ -337,7 +339,7 @@ const sinewFigures = (report) => {
       }),
     }];
   };
-  // Bones and muscles every 0.1 s (Figure 5), from the side, and of a spatial model from the front; both axes to one scale.
+  // Bones and muscles every 0.1 s (Figure 5), from the side, and for a spatial model also from the front. Both axes have the same scale.
   const stickFigures = (bones, muscles) => {
     if (!bones && !muscles) return [];
     // `name.k.axis` → name → [{x, y, z: [[time, m]]}]

@@ -1,7 +1,8 @@
-//! `report.html`: a results folder for people to look at, one page that needs nothing else. From manifest and tables alone.
+//! `report.html`: shows a results folder as one self-contained page, made from the manifest and the tables alone.
 //!
-//! The page holds the tables themselves (columns, gzip, base64), so that every number in it is the number in the Parquet file; `page.js` draws
-//! them with Apache ECharts, which is embedded (`vendor/`, Apache 2.0). `figures.js` says what is drawn, on the page and in SVG files.
+//! The page embeds the tables themselves (by column, gzip, base64), so every number on it equals the number in the
+//! Parquet file. `page.js` draws them with the embedded Apache ECharts (`vendor/`, Apache 2.0). `figures.js` defines
+//! the figures, for both the page and the SVG files.
 
 mod data;
 pub mod svg;
@@ -25,22 +26,22 @@ const FIGURES: &str = include_str!("figures.js");
 const SCRIPT: &str = include_str!("page.js");
 const CHARTS: &str = include_str!("vendor/echarts.min.js");
 
-/// What a report shows of a results folder.
+/// The data of a report on a results folder.
 pub struct Report<'a> {
     dir: &'a Path,
     data: Json,
 }
 
 impl<'a> Report<'a> {
-    /// Of a results folder, beside a baseline if one is given.
+    /// Reads a results folder, and the baseline to compare it with, if given.
     ///
     /// # Errors
-    /// If the folder is none of results, or a table cannot be read.
+    /// If the folder is not a results folder, or a table cannot be read.
     pub fn read(dir: &'a Path, baseline: Option<&Path>) -> Result<Self> {
         Ok(Self { dir, data: data::gather(dir, baseline)? })
     }
 
-    /// The figures as SVG texts by file name; see [`svg::figures`].
+    /// The figures as SVG texts, by file name; see [`svg::figures`].
     ///
     /// # Errors
     /// If no job has the number `job`.
@@ -48,31 +49,32 @@ impl<'a> Report<'a> {
         svg::figures(self.dir, &self.data, job)
     }
 
-    /// The page.
+    /// The page as HTML.
     ///
     /// # Errors
-    /// If the tables cannot be packed.
+    /// If the tables cannot be compressed.
     pub fn page(&self) -> Result<String> {
-        let title = escaped(self.data["study"]["name"].as_str().unwrap_or("Sinew"));
+        let title = escape_html(self.data["study"]["name"].as_str().unwrap_or("Sinew"));
         let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
         let packed = serde_json::to_writer(&mut encoder, &self.data)
             .map_err(std::io::Error::from)
             .and_then(|()| encoder.flush())
             .and_then(|()| encoder.finish())
-            .map_err(|e| Error::io("pack the tables of", self.dir, e))?;
-        Ok(filled(&title, &BASE64.encode(packed)))
+            .map_err(|e| Error::io("compress the tables of", self.dir, e))?;
+        Ok(fill_template(&title, &BASE64.encode(packed)))
     }
 }
 
-fn filled(title: &str, packed: &str) -> String {
-    // No script but these runs, whatever stands in a name, and nothing is fetched.
+fn fill_template(title: &str, packed: &str) -> String {
+    // Only these scripts run, whatever a name contains, and nothing is fetched.
     let hashes = [CHARTS, FIGURES, SCRIPT]
         .map(|script| format!("'sha256-{}'", BASE64.encode(Sha256::digest(format!("\n{script}\n")))));
     let policy = format!(
-        "default-src 'none'; script-src {}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'",
+        "default-src 'none'; script-src {}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; \
+         form-action 'none'",
         hashes.join(" ")
     );
-    // One pass: what is put in is not looked at again.
+    // A single pass: placeholders in inserted text are not expanded.
     let mut page = String::with_capacity(PAGE.len() + packed.len() + CHARTS.len());
     let mut rest = PAGE;
     while let Some((before, after)) = rest.split_once("{{") {
@@ -94,6 +96,6 @@ fn filled(title: &str, packed: &str) -> String {
     page
 }
 
-fn escaped(text: &str) -> String {
+fn escape_html(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

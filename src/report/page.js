@@ -1,5 +1,5 @@
 'use strict';
-// The report's page: unpacks the tables that it holds, and shows them and their figures (figures.js).
+// The report page: unpacks the embedded tables, and shows them and their figures (figures.js).
 (async () => {
   const byId = (id) => document.getElementById(id);
   const packed = Uint8Array.from(atob(byId('data').textContent.trim()), (c) => c.charCodeAt(0));
@@ -9,7 +9,7 @@
   const { now, jobs, regularity, axes, distinct, exact, short, withUnit, axisName, slug } = figures;
   const dark = window.matchMedia('(prefers-color-scheme: dark)');
 
-  // ---- small pieces of page -----------------------------------------------------------------------------------------------------
+  // ---- page elements ------------------------------------------------------------------------------------------------------------
 
   const make = (tag, attributes = {}, ...children) => {
     const element = document.createElement(tag);
@@ -41,7 +41,7 @@
     const colours = Object.fromEntries(['ink', 'soft', 'line', 'paper'].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
     return { ...colours, width: box.clientWidth, height: box.clientHeight };
   };
-  // Shows figures in `home` in place of those there; anew when the theme or the width changes.
+  // Replaces the contents of `home` by figures, which are redrawn when the theme or the width changes.
   const show = (home, all, small = false) => {
     for (const box of home.querySelectorAll('.plot')) { drawn.get(box)?.chart.dispose(); drawn.delete(box); }
     home.replaceChildren();
@@ -53,7 +53,7 @@
       const chart = echarts.init(box, null, { renderer: 'svg' });
       const draw = () => {
         chart.setOption(figures.chartOption(figure, look(box)), true);
-        // In place of the text that ECharts makes.
+        // Replaces the label that ECharts generates.
         box.setAttribute('aria-label', figure.alt);
       };
       drawn.set(box, { chart, draw });
@@ -69,12 +69,12 @@
   const redraw = () => drawn.forEach(({ chart, draw }) => { chart.resize(); draw(); });
   dark.addEventListener('change', redraw);
   window.addEventListener('resize', redraw);
-  // As wide as a sheet of A4 while it is printed.
+  // Gives the page the text width of an A4 sheet while it is printed.
   const paper = (width) => () => { document.body.style.width = width; redraw(); };
   window.addEventListener('beforeprint', paper('18cm'));
   window.addEventListener('afterprint', paper(''));
 
-  // ---- what was asked, how it went ----------------------------------------------------------------------------------------------
+  // ---- study and run ------------------------------------------------------------------------------------------------------------
 
   byId('description').textContent = report.study.description;
   const entry = (name, value) => make('dl', {}, make('dt', {}, name), make('dd', {}, value));
@@ -88,7 +88,7 @@
     ...report.axes.map((axis) => {
       const values = jobs.has(axis) ? distinct(jobs.values(axis)) : [];
       const shown = values.length > 12 ? `${values.length} values, ${short(values[0])} to ${short(values[values.length - 1])}` : values.map(short).join(', ');
-      return entry(`Swept: ${withUnit(axis, report.units[axis])}`, shown || 'no job is finished');
+      return entry(`Swept: ${withUnit(axis, report.units[axis])}`, shown || 'no finished jobs');
     }),
     entry('Fixed', Object.entries(report.base).filter(([, value]) => value !== null && !(Array.isArray(value) && !value.length)).map(([name, value]) => `${name} = ${typeof value === 'object' ? JSON.stringify(value) : value}`).join('; ')),
   );
@@ -97,12 +97,12 @@
   const total = (name) => jobs.values(name).reduce((sum, value) => sum + (value ?? 0), 0);
   const counts = [...statuses].sort((a, b) => b[1].length - a[1].length).map(([status, rows]) => `${rows.length} ${status}`);
   went.append(make('p', { id: 'counts' }, jobs.rows
-    ? `${jobs.rows} of ${report.planned} job(s) finished: ${counts.join(', ')}. ${short(total('wall_s'))} s in all.`
-    : `None of ${report.planned} job(s) has finished, or its tables are not made yet (sinew merge makes them): there is nothing to draw.`));
+    ? `${jobs.rows} of ${report.planned} job(s) finished: ${counts.join(', ')}. Total time ${short(total('wall_s'))} s.`
+    : `None of ${report.planned} job(s) have finished, or their tables do not exist yet (sinew merge creates them): there is nothing to draw.`));
   const doubtful = jobs.has('warnings') ? jobs.values('warnings').map((codes) => (codes ? codes.split(', ') : [])) : [];
   if (doubtful.some((codes) => codes.length)) {
     const kinds = report.warnings.map((kind) => ({ ...kind, count: doubtful.filter((codes) => codes.includes(kind.code)).length })).filter(({ count }) => count);
-    went.append(make('p', { id: 'warnings', class: 'bad' }, `${doubtful.filter((codes) => codes.length).length} job(s) with warnings: converged is not plausible.`),
+    went.append(make('p', { id: 'warnings', class: 'bad' }, `${doubtful.filter((codes) => codes.length).length} job(s) with warnings: a converged job is not necessarily plausible.`),
       make('ul', {}, ...kinds.map(({ code, count, limit, remedy }) => make('li', {}, make('b', {}, code), ` (${count}): ${limit}. ${remedy[0].toUpperCase()}${remedy.slice(1)}.`))));
   }
   for (const note of report.notes) went.append(make('p', { class: 'soft' }, note));
@@ -111,7 +111,7 @@
   if (failures.length) went.append(grid(`${failures.length} failed job(s)${failures.length > 50 ? ', the first 50' : ''}`, ['job', 'status', 'reason'], failures.slice(0, 50).map(([link, ...rest]) => [make('td', {}, link), ...rest])));
   if (regularity.has('loads_unique')) {
     const verdicts = regularity.values('loads_unique').filter((verdict) => verdict !== null);
-    went.append(make('p', {}, `Muscle loads are unique in ${verdicts.filter(Boolean).length} of ${verdicts.length} converged job(s) with a verdict; each is on the optimum found, there may be others.`));
+    went.append(make('p', {}, `Muscle loads are unique in ${verdicts.filter(Boolean).length} of ${verdicts.length} converged job(s) with a verdict. Each verdict applies to the optimum found; there may be others.`));
   }
 
   function jobLink(row) { return make('a', { href: `#job=${jobs.at('job_id', row)}` }, exact(jobs.at('index', row))); }
@@ -121,8 +121,8 @@
   if (report.beside) {
     byId('s-drift').hidden = false;
     const { counts: changed, changes, gone, folder } = report.beside;
-    byId('drift').append(make('p', {}, `Against ${folder}: ${Object.entries(changed).map(([kind, n]) => `${n} ${kind}`).join(', ') || 'no job in common'}.`));
-    for (const name of gone) byId('drift').append(make('p', { class: 'bad' }, `${name} is in the baseline only.`));
+    byId('drift').append(make('p', {}, `Compared with ${folder}: ${Object.entries(changed).map(([kind, n]) => `${n} ${kind}`).join(', ') || 'no jobs in common'}.`));
+    for (const name of gone) byId('drift').append(make('p', { class: 'bad' }, `${name} is only in the baseline.`));
     if (changes.length) {
       byId('drift').append(grid(`${changes.length} changed cell(s)`, ['job', 'table', 'row', 'column', 'baseline', 'now', 'tolerance'],
         changes.slice(0, 500).map((c) => [make('td', {}, make('a', { href: `#job=${c.job_id}` }, exact(c.job))), c.table, c.row, c.column, exact(c.baseline), exact(c.found), c.tolerance])));
@@ -135,7 +135,7 @@
   const isTable1 = ['load_sharing_grid', 'bounds'].every((axis) => report.axes.includes(axis)) && regularity.rows > 0;
   if (isTable1) {
     byId('s-ranks').hidden = false;
-    byId('ranks').append(make('p', {}, 'In brackets the thesis’ numbers, which hold for its own arm and h = 0.2. 0 is full rank.'));
+    byId('ranks').append(make('p', {}, '0 means full rank. The numbers in brackets are the thesis’ own, for its arm model with h = 0.2.'));
     const others = report.axes.filter((axis) => axis !== 'load_sharing_grid' && axis !== 'bounds');
     const groups = new Map();
     for (let row = 0; row < jobs.rows; row++) {
@@ -163,7 +163,7 @@
     }
   }
 
-  // ---- loads over the axes ------------------------------------------------------------------------------------------------------
+  // ---- loads against the axes ---------------------------------------------------------------------------------------------------
 
   let choice = figures.ofLoads();
   const choose = (change) => {
@@ -179,7 +179,7 @@
     show(byId('loads'), all, all.length > 4);
   };
 
-  // ---- the table of jobs --------------------------------------------------------------------------------------------------------
+  // ---- job table ----------------------------------------------------------------------------------------------------------------
 
   const PAGE = 50;
   const SHOWN = ['status', 'iterations', 'objective', 'effort', 'tracking_rms_m', 'tracking_rms_deg', 'max_activation', 'n_distinct_optima', 'solve_s', 'wall_s', 'warnings'].filter((name) => jobs.has(name));
@@ -214,7 +214,7 @@
     byId('jobs').replaceChildren(make('table', {}, make('caption', {}, `${rows.length} job(s), page ${view.page + 1} of ${pages}`), make('thead', {}, make('tr', {}, ...head)), make('tbody', {}, ...body)));
   };
   const drawJobsChoice = () => {
-    const filter = make('input', { type: 'search', id: 'filter', placeholder: 'such as: converged 0.2', oninput: () => { view.filter = filter.value; view.page = 0; drawJobs(); } });
+    const filter = make('input', { type: 'search', id: 'filter', placeholder: 'e.g. converged 0.2', oninput: () => { view.filter = filter.value; view.page = 0; drawJobs(); } });
     const turn = (by) => () => { view.page = Math.max(0, view.page + by); drawJobs(); };
     byId('jobs-choice').append(make('label', {}, 'filter', filter),
       make('button', { type: 'button', onclick: turn(-1) }, 'previous'), make('button', { type: 'button', onclick: turn(1) }, 'next'));
@@ -234,7 +234,7 @@
     home.replaceChildren(make('p', {}, `${id}. ${swept.join(', ')}. ${jobs.at('status', row)}${jobs.at('error', row) ? `: ${jobs.at('error', row)}` : ''}${jobs.at('remark', row) ? `. ${jobs.at('remark', row)}` : ''}`));
     const [rank] = now.of('regularity', row);
     if (rank !== undefined && regularity.at('null_space', rank)) home.append(make('p', {}, `Not determined: ${regularity.at('null_space', rank)}.`));
-    for (const [name, caption] of [['muscles', 'Muscles'], ['optima', 'Optima that were met'], ['sensitivities', 'Sensitivities of mean forces']]) {
+    for (const [name, caption] of [['muscles', 'Muscles'], ['optima', 'Optima found'], ['sensitivities', 'Sensitivities of mean forces']]) {
       const columns = Object.keys(now[name].columns).filter((column) => column !== 'job_id');
       const own = now.of(name, row);
       const folded = (table) => (name === 'muscles' ? table : make('details', {}, make('summary', {}, `${caption} (${own.length})`), table));
@@ -243,12 +243,12 @@
     const all = figures.ofJob(row);
     show(byId('job-plots'), all);
     const kept = now.of('trajectories', row).length > 0;
-    if (!kept) byId('job-plots').append(make('p', { class: 'soft' }, 'No functions of time are kept of this job: trajectories = true in the study keeps them.'));
+    if (!kept) byId('job-plots').append(make('p', { class: 'soft' }, 'No functions of time were stored for this job. Set trajectories = true in the study to store them.'));
   };
 
-  // ---- all of it ----------------------------------------------------------------------------------------------------------------
+  // ---- assembly -----------------------------------------------------------------------------------------------------------------
 
-  byId('footer').textContent = `Made by sinew ${report.sinew.version} from the tables of the folder. Hover over a number or a point for all of its digits. Charts: Apache ECharts (Apache License 2.0).`;
+  byId('footer').textContent = `Made by sinew ${report.sinew.version} from the tables of the results folder. Hover over a number or a point to see all its digits. Charts: Apache ECharts (Apache License 2.0).`;
   byId('wait').remove();
   byId('main').hidden = false;
   show(byId('curves'), figures.curves(), true);
@@ -265,6 +265,6 @@
   window.sinew = { report, drawn, ready: true };
 })().catch((error) => {
   const wait = document.getElementById('wait');
-  if (wait) wait.textContent = `The page cannot be drawn: ${error.message}`;
+  if (wait) wait.textContent = `Cannot draw the page: ${error.message}`;
   console.error(error);
 });

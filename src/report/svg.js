@@ -1,12 +1,13 @@
 'use strict';
-// Every figure of a report as an SVG text, for paper: {file name: text}. Functions of time are those of `job` (its number), or of the first
-// job that has converged; loads are over each axis that was swept. Each file says what it shows and where it comes from; `drawn` names the code.
+// Returns every figure of a report as an SVG text for print: {file name: text}. Functions of time are those of the job with number `job`,
+// or by default of the first converged job. Loads are drawn against each swept axis. Each file states what it shows and where it comes from;
+// `drawn` is the hash of the drawing code.
 const sinewSvg = (report, drawn, job) => {
   const WIDTH = 640;
   const PIXELS_PER_REM = 16;
   const PAPER = { ink: '#1b1f24', soft: '#57606a', line: '#d0d7de', paper: '#ffffff' };
   const MEASURES = ['mean_force_n', 'peak_force_n', 'mean_activation', 'peak_activation'];
-  // Characters that XML has no place for.
+  // Characters that XML does not allow.
   const NO_XML = /[\u0000-\u0008\u000b\u000c\u000e-\u001f\ufffe\uffff]/g;
   const { study, sinew } = report;
   const from = `sinew ${sinew.version}, solver ${sinew.solver}, study ${study.name} ${study.hash}, drawn by ${drawn}`;
@@ -14,7 +15,7 @@ const sinewSvg = (report, drawn, job) => {
   const figures = sinewFigures(report);
   const { jobs, axes } = figures;
   const row = job === undefined ? figures.firstJob() : jobs.values('index').indexOf(job);
-  if (row < 0) throw new Error(`no job of the tables has the number ${job}`);
+  if (row < 0) throw new Error(`no job in the tables has the number ${job}`);
   const all = [...figures.curves()];
   if (figures.muscleNames.length) for (const x of axes) for (const measure of MEASURES) all.push(...figures.loads(figures.ofLoads({ x, measure })));
   if (jobs.rows) all.push(...figures.ofJob(row).map((figure) => ({ ...figure, name: `job-${jobs.at('index', row)}-${figure.name}` })));

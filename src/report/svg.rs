@@ -1,4 +1,4 @@
-//! The figures of a report as SVG files: the page's own `figures.js` and charting library, run without a browser.
+//! The figures of a report as SVG files: runs the page's own `figures.js` and charting library without a browser.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,23 +10,24 @@ use super::{CHARTS, FIGURES};
 use crate::error::{Error, Result};
 
 const DRIVER: &str = include_str!("svg.js");
-/// Nothing is animated, so nothing has to wait.
+/// Timers do nothing: the figures are not animated.
 const NO_CLOCK: &str = "globalThis.setTimeout = () => 0; globalThis.clearTimeout = () => {};";
 
-/// Texts by file name; functions of time of the job with number `job`, else of the first that has converged.
+/// The SVG texts by file name. Functions of time are those of the job with number `job`, or by default of the first
+/// converged job.
 ///
 /// # Errors
-/// If no job has that number.
+/// If no job has the number `job`.
 pub fn figures(dir: &Path, report: &Json, job: Option<u64>) -> Result<BTreeMap<String, String>> {
     let draw = || -> std::result::Result<BTreeMap<String, String>, String> {
         let runtime = Runtime::new().map_err(|e| e.to_string())?;
         let context = Context::full(&runtime).map_err(|e| e.to_string())?;
-        context.with(|ctx| drawn(&ctx, report, job).catch(&ctx).map_err(|e| reason(&e)))
+        context.with(|ctx| draw_all(&ctx, report, job).catch(&ctx).map_err(|e| message(&e)))
     };
     draw().map_err(|reason| Error::table("draw the figures of", dir, &reason))
 }
 
-/// Names the code that draws: it changes when pictures may.
+/// Hash of the drawing code. It changes whenever the figures may change.
 pub fn drawn_by() -> String {
     let mut hasher = blake3::Hasher::new();
     for script in [CHARTS, FIGURES, DRIVER] {
@@ -35,15 +36,15 @@ pub fn drawn_by() -> String {
     hasher.finalize().to_hex()[..8].to_owned()
 }
 
-/// What was thrown, without the way there.
-fn reason(error: &CaughtError<'_>) -> String {
+/// The message of a JavaScript exception, without its stack trace.
+fn message(error: &CaughtError<'_>) -> String {
     match error {
         CaughtError::Exception(thrown) => thrown.message().unwrap_or_else(|| error.to_string()),
         _ => error.to_string(),
     }
 }
 
-fn drawn<'js>(ctx: &Ctx<'js>, report: &Json, job: Option<u64>) -> rquickjs::Result<BTreeMap<String, String>> {
+fn draw_all<'js>(ctx: &Ctx<'js>, report: &Json, job: Option<u64>) -> rquickjs::Result<BTreeMap<String, String>> {
     for script in [NO_CLOCK, CHARTS, FIGURES, DRIVER] {
         ctx.eval::<(), _>(script)?;
     }

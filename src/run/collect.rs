@@ -1,5 +1,5 @@
-//! From finished jobs on disk to tables: after a run, and when shards are merged. In parts, so that memory does not grow with
-//! the study.
+//! Makes tables from the finished jobs on disk, after a run and when shards are merged. This is done in parts, so that
+//! the memory needed does not grow with the study.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,10 +14,10 @@ use crate::tables::Writer;
 use crate::tables::schema::{self, Columns, ON_REQUEST, TABLES};
 use crate::terminal::note;
 
-/// Jobs held in memory at a time: a row group of each table.
+/// Number of jobs held in memory at a time. They make one row group of each table.
 const PART: usize = 4096;
 
-/// What a folder holds of its study.
+/// How much of its study a folder contains.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Collected {
     pub jobs: usize,
@@ -41,9 +41,9 @@ impl Collected {
     }
 }
 
-/// Writes all tables and the manifest from what is finished, in the order of the study.
+/// Writes all tables and the manifest from the finished jobs, in the order of the study.
 pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<Collected> {
-    // One at a time: a merge may meet another, or the end of a run.
+    // One writer at a time: a merge may coincide with another one, or with the end of a run.
     let _hold = Hold::take(folder)?;
     let columns = Columns::of(study);
     let file = |name: &str| table(folder, name);
@@ -85,20 +85,20 @@ pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<C
     Ok(collected)
 }
 
-/// Makes the tables of a folder from all that its shards have finished. May be repeated at any time.
+/// Makes the tables of a folder from all jobs that its shards have finished. May be repeated at any time.
 ///
 /// # Errors
-/// If the folder holds no plan, or its finished jobs cannot be read.
+/// If the folder contains no plan, or its finished jobs cannot be read.
 pub fn merge(folder: &Path) -> Result<(Study, Collected)> {
     let study = planned(folder)?;
     claim(folder)?;
     let mut store = Store::read(folder)?;
     if !store.has_files() {
-        let reason = "no run has finished anything here (there is no finished….jsonl in it)";
+        let reason = "it contains no finished jobs (there is no finished….jsonl)";
         return Err(Error::table("merge", folder, reason));
     }
     if store.damaged > 0 {
-        note(&format!("note: {} damaged line(s) in {} passed over", store.damaged, folder.display()));
+        note(&format!("note: {} damaged line(s) in {} skipped", store.damaged, folder.display()));
     }
     let collected = write_tables(&study, &mut store, folder)?;
     Ok((study, collected))
@@ -108,7 +108,7 @@ pub fn merge(folder: &Path) -> Result<(Study, Collected)> {
 pub fn planned(folder: &Path) -> Result<Study> {
     if !folder.join(manifest::FILE).exists() {
         let reason =
-            "there is no manifest.json in it, so it is no results folder; `sinew run STUDY --out DIR` makes one";
+            "it contains no manifest.json, so it is not a results folder; `sinew run STUDY --out DIR` creates one";
         return Err(Error::table("open", folder, reason));
     }
     Study::load(folder)

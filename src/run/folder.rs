@@ -1,4 +1,4 @@
-//! A results folder: what in it is Sinew's, and may be written and deleted. Nothing else is touched.
+//! A results folder: which of its files are Sinew's own and may be overwritten or deleted. Nothing else is touched.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use super::store::Store;
 use crate::error::{Error, Result};
 use crate::tables::{self, schema};
 
-/// Held while tables and manifest are written.
+/// Lock file, held while tables and manifest are written.
 const LOCK: &str = ".tables.lock";
 
 /// The path of a table.
@@ -16,10 +16,10 @@ pub fn table(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("{name}.parquet"))
 }
 
-/// Looks at what a run would write over, and returns the manifest that is there.
+/// Checks the files that a run would overwrite, and returns the existing manifest.
 ///
 /// # Errors
-/// If anything under a name of Sinew's is not of Sinew's making, or a link to somewhere else.
+/// If a file with one of Sinew's names was not written by Sinew, or is a link.
 pub fn claim(folder: &Path) -> Result<Option<Manifest>> {
     let refuse = |path: &Path, reason: &str| {
         let help = "choose another --out, or move it away";
@@ -29,40 +29,41 @@ pub fn claim(folder: &Path) -> Result<Option<Manifest>> {
     let finished = Store::paths(folder)?;
     for path in tables.iter().chain(&finished).chain(&[folder.join(manifest::FILE), folder.join(LOCK)]) {
         match path.symlink_metadata() {
-            Ok(there) if there.is_symlink() => return refuse(path, "it is a link to somewhere else"),
-            Ok(there) if !there.is_file() => return refuse(path, "it is no file"),
+            Ok(there) if there.is_symlink() => return refuse(path, "it is a symbolic link"),
+            Ok(there) if !there.is_file() => return refuse(path, "it is not a regular file"),
             _ => {}
         }
     }
     let manifest = match Manifest::read(folder) {
         Ok(manifest) => manifest,
         Err(error) => {
-            return refuse(&folder.join(manifest::FILE), &format!("it is no manifest of this version ({error})"));
+            let reason = format!("it is not a manifest of this version ({error})");
+            return refuse(&folder.join(manifest::FILE), &reason);
         }
     };
     if let Some(path) = tables.iter().find(|path| path.exists() && !tables::is_of_study(path)) {
-        return refuse(path, "no run of Sinew has written it");
+        return refuse(path, "it was not written by Sinew");
     }
     if let (None, Some(path)) = (&manifest, finished.iter().find(|path| !Store::is_own(path))) {
-        return refuse(path, "no run of Sinew has written it");
+        return refuse(path, "it was not written by Sinew");
     }
     Ok(manifest)
 }
 
-/// Holds a folder's tables and manifest for this process; dropping it lets them go.
+/// A lock on a folder's tables and manifest, released when dropped.
 pub struct Hold {
     _lock: File,
 }
 
 impl Hold {
-    /// Waits for who holds them now, and removes what writers have left behind that are dead.
+    /// Waits for the lock, and removes the partial files that dead processes have left behind.
     ///
     /// # Errors
     /// If the folder cannot be written.
     pub fn take(folder: &Path) -> Result<Self> {
         let failed = |e| Error::io("lock", folder, e);
         let lock = OpenOptions::new().create(true).append(true).open(folder.join(LOCK)).map_err(failed)?;
-        // (Where there are no locks, files still appear whole.)
+        // (Without locks, files still appear whole or not at all.)
         if lock.lock().is_ok() {
             for entry in std::fs::read_dir(folder).map_err(failed)?.flatten() {
                 if is_partial(&entry.file_name().to_string_lossy()) {
@@ -74,7 +75,7 @@ impl Hold {
     }
 }
 
-/// Whether a file's name is that of a table, manifest or report in the making: `NAME.PID.part`.
+/// Whether a file's name is that of a partial table, manifest or report: `NAME.PID.part`.
 fn is_partial(name: &str) -> bool {
     let Some((file, process)) = name.strip_suffix(".part").and_then(|name| name.rsplit_once('.')) else { return false };
     let is_known = [manifest::FILE, "report.html"].contains(&file)
@@ -82,7 +83,7 @@ fn is_partial(name: &str) -> bool {
     is_known && !process.is_empty() && process.bytes().all(|b| b.is_ascii_digit())
 }
 
-/// Whether some process writes to a file of finished jobs.
+/// Whether another process has locked a file of finished jobs, to write to it.
 pub fn is_held(path: &Path) -> bool {
     File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }

@@ -1,5 +1,5 @@
-//! Jobs that were solved under another `regularity` or `trajectories` setting: their solution is kept, and only what is
-//! missing is computed from it.
+//! Jobs that were already solved with another `regularity` or `trajectories` setting: their stored solution is used,
+//! and only what is missing is computed.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -44,7 +44,7 @@ impl<'s> Known<'s> {
         Ok(Some(Self { study, store: Mutex::new(Store::read(folder)?) }))
     }
 
-    /// The outcome of `job`, from the solution of one that is finished; `None` if it has to be solved.
+    /// The outcome of `job`, completed from the solution of a finished job; `None` if it has to be solved.
     pub fn complete(&self, job: &Job) -> Option<Outcome> {
         let (had, solved) = {
             let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);

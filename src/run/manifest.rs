@@ -1,5 +1,6 @@
-//! `manifest.json`: the plan, frozen before the first job begins, with the texts it was made from; versions, host, and in the
-//! end the hash of each table. It alone is enough to run the study again (`sinew run manifest.json`).
+//! `manifest.json`: the plan, written before the first job starts, with the source texts it was made from; versions and
+//! host; and, at the end of a run, the hash of each table. It suffices to run the study again (`sinew run
+//! manifest.json`).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,9 +28,9 @@ pub struct Manifest {
     /// Hash of each table, by file name.
     pub files: BTreeMap<String, String>,
     pub sources: Sources,
-    /// Names of what is swept.
+    /// Names of the swept axes.
     pub axes: Vec<String>,
-    /// Settings of a job, where its own do not say otherwise.
+    /// Settings of a job, except those that it overrides.
     pub base: Map<String, Json>,
     pub jobs: Vec<PlannedJob>,
 }
@@ -73,9 +74,9 @@ pub struct Host {
 pub struct PlannedJob {
     pub job_id: String,
     pub index: usize,
-    /// In the order of the axes.
+    /// Swept values in the order of the axes.
     pub swept: Vec<Option<Value>>,
-    /// What differs from the base.
+    /// Settings that differ from the base.
     pub settings: Map<String, Json>,
     /// Changed numbers of the model, by path.
     pub model_changes: BTreeMap<String, f64>,
@@ -84,6 +85,7 @@ pub struct PlannedJob {
     pub warm_start_from: Option<String>,
 }
 
+/// The settings as a JSON object.
 pub fn fields(settings: &crate::study::settings::Settings) -> Map<String, Json> {
     match serde_json::to_value(settings) {
         Ok(Json::Object(map)) => map,
@@ -106,7 +108,7 @@ fn planned(job: &Job, base: &Map<String, Json>) -> PlannedJob {
 }
 
 impl Manifest {
-    /// Of a study before anything is solved.
+    /// The manifest of a study before anything is solved.
     pub fn of(study: &Study) -> Self {
         let base = fields(&study.base);
         Self {
@@ -151,10 +153,11 @@ impl Manifest {
         };
         serde_json::from_slice(&bytes)
             .map(Some)
-            .map_err(|e| Error::table("read", &path, format!("it is damaged, or of another version ({e})")))
+            .map_err(|e| Error::table("read", &path, format!("it is damaged, or from another version ({e})")))
     }
 
-    /// As a baseline keeps it, on whatever machine: no jobs (the table of jobs says it all), no host name, no folders.
+    /// The form for a baseline, the same on every machine: no jobs (they are in the table of jobs), no host name, no
+    /// folders.
     pub fn portable(mut self) -> Self {
         self.jobs.clear();
         self.host.name = None;
@@ -170,12 +173,12 @@ impl Manifest {
         self
     }
 
-    /// Writes it, whole or not at all.
+    /// Writes the manifest, whole or not at all.
     pub fn write(&self, folder: &Path) -> Result<()> {
         write_whole(&folder.join(FILE), serde_json::to_vec(self).expect("a manifest is plain data"))
     }
 
-    /// Files of a folder that are no longer those the manifest speaks of.
+    /// Files of a folder that differ from those recorded in the manifest.
     pub fn altered(&self, folder: &Path) -> Vec<String> {
         let same = |(name, hash): &(&String, &String)| file_hash(&folder.join(name)).is_ok_and(|found| found == **hash);
         self.files.iter().filter(|file| !same(file)).map(|(name, _)| name.clone()).collect()

@@ -1,7 +1,8 @@
-//! Runs a study: jobs in parallel, each finished one on disk before it is counted, tables at the end.
+//! Runs a study: solves the jobs in parallel, stores each one before counting it as finished, and writes the tables at
+//! the end.
 //!
-//! Knows rayon and indicatif; `solve` knows neither. A finished job is one line on disk; a run that was cut off goes on where
-//! it stopped, and the tables are made from the same lines either way.
+//! Uses rayon and indicatif; `solve` uses neither. A finished job is one line on disk. An interrupted run continues
+//! where it stopped, and the tables are made from the same lines either way.
 
 pub mod collect;
 pub mod folder;
@@ -37,19 +38,19 @@ use manifest::Manifest;
 use progress::Progress;
 use store::{Header, Store};
 
-/// How to run.
+/// Options of a run.
 #[derive(Clone, Debug, Default)]
 pub struct RunOptions {
     pub out: PathBuf,
-    /// Jobs at a time; all cores if `None`.
+    /// Number of jobs to solve at a time; one per core if `None`.
     pub threads: Option<usize>,
-    /// Forget earlier results of this folder.
+    /// Discard the earlier results in this folder.
     pub fresh: bool,
     /// Solve failed jobs again.
     pub failed: bool,
-    /// Solve jobs again that another version of the solver has finished.
+    /// Solve jobs again that were finished by another version of the solver.
     pub outdated: bool,
-    /// Only this part of the study, and no tables: `merge` makes them when all parts are there.
+    /// Run only this part of the study and write no tables: `merge` makes them when all parts are finished.
     pub shard: Option<Shard>,
 }
 
@@ -68,26 +69,26 @@ impl FromStr for Shard {
         let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         match parts {
             Some((index, count)) if index < count => Ok(Self { index, count }),
-            _ => Err(format!("`{text}` is no shard; write I/N with I from 0 to N - 1, such as 0/4")),
+            _ => Err(format!("`{text}` is not a shard; write I/N with I from 0 to N - 1, such as 0/4")),
         }
     }
 }
 
 impl Shard {
-    /// Whether block number `block` is of this part.
+    /// Whether block number `block` belongs to this part.
     pub fn has(self, block: usize) -> bool {
         block % self.count == self.index
     }
 }
 
-/// How it went, for the jobs of this run's part of the study.
+/// Counts of the jobs in this run's part of the study, and how the run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunReport {
     pub jobs: usize,
     pub finished: usize,
     /// Finished, but not converged.
     pub failed: usize,
-    /// Taken from an earlier run.
+    /// Kept from an earlier run.
     pub kept: usize,
     pub ended: Ended,
 }
@@ -98,14 +99,14 @@ pub enum Ended {
     Complete,
     /// The user stopped it.
     Interrupted,
-    /// A job failed, and the study asks to stop then.
+    /// A job failed, and the study stops at the first failure.
     FirstFailure,
 }
 
 /// Runs all jobs of a study that have no result yet and writes the tables.
 ///
 /// # Errors
-/// If the folder or a file cannot be written. What was finished before stays on disk.
+/// If the folder or a file cannot be written. Jobs that were finished before remain on disk.
 pub fn run(study: &Study, options: &RunOptions, stop: &AtomicBool) -> Result<RunReport> {
     run_with(study, options, stop, &|study, job, before| match study.model_of(job) {
         Ok(model) => solve_from(task(study, job, &model), before),
@@ -113,18 +114,18 @@ pub fn run(study: &Study, options: &RunOptions, stop: &AtomicBool) -> Result<Run
     })
 }
 
-/// What [`solve_from`] takes of a job; `model` is [`Study::model_of`] it.
+/// The task of a job for [`solve_from`]; `model` is the result of [`Study::model_of`].
 pub fn task<'a>(study: &'a Study, job: &'a Job, model: &'a Model) -> Task<'a> {
     Task { model, motion: &study.motion, settings: &job.settings, points: job.points }
 }
 
-/// Solves a job, from the answer of the one before where there is one.
+/// Solves a job, starting from the answer of the previous one if there is one.
 pub type Solver<'s> = dyn Fn(&Study, &Job, Option<&Answer>) -> (Outcome, Option<Answer>) + Sync + 's;
 
 /// [`run`] with another solver in place of [`solve_from`], for tests of the engine.
 pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: &Solver<'_>) -> Result<RunReport> {
     std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
-    let there = check_folder(study, options)?;
+    let existing = check_folder(study, options)?;
     let store = Store::open(&options.out, options.shard, options.fresh)?;
     if let Some(note) = version_note(study, &store).filter(|_| !options.outdated) {
         terminal::note(&format!("note: {note}"));
@@ -137,7 +138,7 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
     quiet_workers();
 
     let todo = Todo::new(study, &store, options);
-    freeze(study, options, there, todo.count > 0)?;
+    freeze(study, options, existing, todo.count > 0)?;
     let known = Known::new(study, &options.out, &store, todo.jobs())?;
     let mut session = Session::new(study, store, todo.count, stop);
     session.work(&pool, &todo.blocks, |block, finish| {
@@ -161,13 +162,13 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
 
 /// What this run has to solve.
 struct Todo<'s> {
-    /// This run's part of the study, in blocks that one thread works on.
+    /// This run's part of the study, in blocks for one thread each.
     mine: Vec<&'s [Job]>,
-    /// The blocks among them with a pending job.
+    /// The blocks of `mine` that contain a pending job.
     blocks: Vec<&'s [Job]>,
     /// By index of the job.
     is_pending: Vec<bool>,
-    /// Pending jobs in all.
+    /// Number of pending jobs in `mine`.
     count: usize,
 }
 
@@ -208,8 +209,8 @@ impl<'s> Todo<'s> {
     }
 }
 
-/// Solves the pending jobs of a block, each from the answer of the one before. A finished job that a pending one starts
-/// from is solved again, since its answer is not kept.
+/// Solves the pending jobs of a block, each from the answer of the previous one. A finished job that a pending one
+/// starts from is solved again, since its answer was not stored.
 fn solve_block(
     study: &Study,
     block: &[Job],
@@ -226,11 +227,11 @@ fn solve_block(
             break;
         }
         let is_alone = block.len() == 1;
-        if is_alone && let Some(outcome) = known.and_then(|known| contained_completion(known, job)) {
+        if is_alone && let Some(outcome) = known.and_then(|known| complete_catching(known, job)) {
             finish(job, outcome, false);
             continue;
         }
-        let (mut outcome, answer) = contained(study, job, before.as_ref(), solver);
+        let (mut outcome, answer) = solve_catching(study, job, before.as_ref(), solver);
         outcome.job.warm_start_from = job.warm_start_from.clone().filter(|_| before.is_some());
         before = answer;
         if todo.is_pending[job.index] {
@@ -239,27 +240,27 @@ fn solve_block(
     }
 }
 
-/// One job from its known solution; `None` if it has to be solved, also where that panics.
-fn contained_completion(known: &Known<'_>, job: &Job) -> Option<Outcome> {
+/// Completes a job from its known solution. `None` if it has to be solved, also if the completion panics.
+fn complete_catching(known: &Known<'_>, job: &Job) -> Option<Outcome> {
     catch_unwind(AssertUnwindSafe(|| known.complete(job))).unwrap_or_default()
 }
 
-/// The finished jobs of a run: kept on disk, counted, and shown.
+/// Stores, counts and shows the finished jobs of a run.
 struct Session<'r> {
     store: Store,
-    /// By job: when the line was written that a new one will replace, ms; 0 if there is none.
+    /// By job: time of the line that a new one will replace, ms since 1970; 0 if there is none.
     since: Vec<u64>,
     progress: Progress,
     stop: &'r AtomicBool,
     on_failure: OnFailure,
-    /// A job failed, and the study stops at that.
+    /// A job failed, and the study stops at the first failure.
     failure: bool,
 }
 
-/// Keeps the outcome of a job; `true` if it was solved with help.
+/// Stores the outcome of a job. The flag says whether it was retried by continuation.
 type Finish<'s> = dyn Fn(&Job, Outcome, bool) + 's;
 
-/// A job on its way from the thread that solved it to the disk.
+/// A finished job on its way from the worker to the disk.
 struct Finished {
     index: usize,
     status: Status,
@@ -273,15 +274,15 @@ impl<'r> Session<'r> {
         Self { since, store, progress: Progress::new(count), stop, on_failure: study.on_failure, failure: false }
     }
 
-    /// Works on all pieces in parallel. The workers format the lines; this thread writes them, many at a time where they
-    /// come fast.
+    /// Processes all pieces in parallel. The workers format the lines; this thread writes them, in batches if they
+    /// arrive fast.
     fn work<P: Sync>(
         &mut self,
         pool: &rayon::ThreadPool,
         pieces: &[P],
         work: impl Fn(&P, &Finish<'_>) + Sync,
     ) -> Result<()> {
-        let (send, receive) = mpsc::sync_channel::<Finished>(WAITING);
+        let (send, receive) = mpsc::sync_channel::<Finished>(QUEUE_LENGTH);
         let (stop, at_failure, since) = (self.stop, self.on_failure == OnFailure::Stop, &self.since);
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -293,7 +294,7 @@ impl<'r> Session<'r> {
                             if at_failure && status != Status::Converged {
                                 stop.store(true, Ordering::Relaxed);
                             }
-                            // The receiver hangs up only when the disk fails; then nothing is left to say.
+                            // This fails only if the receiver is gone, and then nothing can be stored any more.
                             let _ = send.send(Finished { index: job.index, status, error, line });
                         };
                         if !stop.load(Ordering::Relaxed) {
@@ -326,10 +327,10 @@ impl<'r> Session<'r> {
     }
 }
 
-/// Outcomes that may wait for the disk before workers wait too.
-const WAITING: usize = 4096;
+/// Number of finished jobs that may wait for the disk before the workers block.
+const QUEUE_LENGTH: usize = 4096;
 
-/// A second pass over what failed, when all else is done.
+/// Retries the failed jobs when all others are done.
 fn retry_failed(study: &Study, session: &mut Session<'_>, pool: &rayon::ThreadPool, solver: &Solver<'_>) -> Result<()> {
     let candidates = retry::candidates(study, &session.store);
     candidates.iter().for_each(|job| session.since[job.index] = session.store.get(&job.id).map_or(0, |h| h.time_ms));
@@ -342,7 +343,7 @@ fn retry_failed(study: &Study, session: &mut Session<'_>, pool: &rayon::ThreadPo
         return Ok(());
     }
     terminal::note(&format!(
-        "{} job(s) failed: again, by continuation from their nearest solved neighbours",
+        "{} job(s) failed: retrying them by continuation from their nearest solved neighbours",
         failed.len()
     ));
     session.progress = Progress::new(failed.len());
@@ -351,8 +352,8 @@ fn retry_failed(study: &Study, session: &mut Session<'_>, pool: &rayon::ThreadPo
     })
 }
 
-/// One job; a panic in it becomes its row.
-fn contained(study: &Study, job: &Job, before: Option<&Answer>, solver: &Solver<'_>) -> (Outcome, Option<Answer>) {
+/// Solves a job. A panic becomes an outcome with the status `panicked`.
+fn solve_catching(study: &Study, job: &Job, before: Option<&Answer>, solver: &Solver<'_>) -> (Outcome, Option<Answer>) {
     catch_unwind(AssertUnwindSafe(|| solver(study, job, before))).unwrap_or_else(|payload| {
         let message = payload
             .downcast_ref::<String>()
@@ -366,22 +367,22 @@ fn contained(study: &Study, job: &Job, before: Option<&Answer>, solver: &Solver<
 
 const WORKER: &str = "sinew-worker-";
 
-/// Keeps panics of the workers off the terminal: they become rows.
+/// Keeps the workers' panic messages off the terminal: they go into the job's row.
 fn quiet_workers() {
     use std::sync::Once;
     static INSTALL: Once = Once::new();
     INSTALL.call_once(|| {
-        let usual = std::panic::take_hook();
+        let default_hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| {
             if !std::thread::current().name().is_some_and(|name| name.starts_with(WORKER)) {
-                usual(info);
+                default_hook(info);
             }
         }));
     });
 }
 
-/// Refuses to write over what no run has written or the results of another study, or to mix shards of different plans. The
-/// manifest that is there.
+/// Refuses to overwrite files that no run has written or the results of another study, and to mix shards of different
+/// plans. Returns the existing manifest.
 pub fn check_folder(study: &Study, options: &RunOptions) -> Result<Option<Manifest>> {
     let Some(manifest) = folder::claim(&options.out)? else { return Ok(None) };
     let refuse = |reason: String| Err(Error::table("run in", &options.out, reason));
@@ -391,30 +392,31 @@ pub fn check_folder(study: &Study, options: &RunOptions) -> Result<Option<Manife
     if manifest.study.name != study.name {
         let (there, here) = (&manifest.study.name, &study.name);
         return refuse(format!(
-            "it holds the study `{there}`, not `{here}`; choose another --out, or --fresh to forget what is there"
+            "it contains the study `{there}`, not `{here}`; choose another --out, or use --fresh to discard its results"
         ));
     }
     if options.shard.is_some() && manifest.study.hash != study.hash() {
         return refuse(
-            "its plan was frozen for other jobs than the study has now; run without --shard to freeze it anew, or choose \
-             another --out"
+            "its plan was written for other jobs than the study has now; run without --shard to write a new plan, or \
+             choose another --out"
                 .to_owned(),
         );
     }
     Ok(Some(manifest))
 }
 
-/// Writes the plan before the first job begins. Where there is work to do, tables of an earlier run go: they would be taken for
-/// those of this one if it is cut off, and are made again from the finished jobs at any time.
-pub fn freeze(study: &Study, options: &RunOptions, there: Option<Manifest>, work: bool) -> Result<()> {
+/// Writes the plan before the first job starts. If there are jobs to solve (`work`), removes the tables of an earlier
+/// run: if this run were interrupted, they would be mistaken for its own. They can be made again from the finished jobs
+/// at any time.
+pub fn freeze(study: &Study, options: &RunOptions, existing: Option<Manifest>, work: bool) -> Result<()> {
     let same = |manifest: &Manifest| {
         manifest.study.hash == study.hash() && manifest.sources.study.text == study.sources.study.text
     };
-    if options.shard.is_some() && there.as_ref().is_some_and(same) {
+    if options.shard.is_some() && existing.as_ref().is_some_and(same) {
         return Ok(());
     }
     let _hold = Hold::take(&options.out)?;
-    let mut files = there.map(|manifest| manifest.files).unwrap_or_default();
+    let mut files = existing.map(|manifest| manifest.files).unwrap_or_default();
     if work && options.shard.is_none() {
         files.clear();
         for name in schema::TABLES {
@@ -424,7 +426,7 @@ pub fn freeze(study: &Study, options: &RunOptions, there: Option<Manifest>, work
     Manifest { files, ..Manifest::of(study) }.write(&options.out)
 }
 
-/// A sentence if results of this study come from another version of the solver.
+/// A note if results of this study come from another version of the solver.
 fn version_note(study: &Study, store: &Store) -> Option<String> {
     let headers = study.jobs.iter().filter_map(|job| store.get(&job.id));
     let mut others: Vec<&str> =
@@ -433,11 +435,12 @@ fn version_note(study: &Study, store: &Store) -> Option<String> {
     others.sort_unstable();
     others.dedup();
     let names = others.join(", ");
-    (count > 0)
-        .then(|| format!("{count} kept result(s) are of solver {names}, this is {SOLVER}: --outdated renews them"))
+    (count > 0).then(|| {
+        format!("{count} kept result(s) are from solver {names}, this is {SOLVER}: --outdated recomputes them")
+    })
 }
 
-/// The folder of a study's results unless the user names another: `results/<study>` in the current folder.
+/// The default results folder of a study: `results/<study>` in the current folder.
 pub fn default_folder(study: &Study) -> PathBuf {
     Path::new("results").join(&study.name)
 }

@@ -1,4 +1,4 @@
-//! Why a run would solve a job, or not: what `plan` says.
+//! Why a run would solve a job, or not, as shown by `plan`.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -11,19 +11,19 @@ use crate::error::Result;
 use crate::outcome::Status;
 use crate::study::{Job, SCHEMA_VERSION, Study};
 
-/// What is known of a job before a run.
+/// What is known about a job before a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
     /// Never run here.
     New,
-    /// A job with the same swept values was planned here, with something else changed: what, from and to.
+    /// A job with the same swept values was planned here, but something else has changed: what, from what, to what.
     Changed(Vec<String>),
-    /// Solved already with another `regularity` or `trajectories`: what is missing is added, without another solve.
+    /// Already solved with another `regularity` or `trajectories`: what is missing is added without solving again.
     Solved,
     Done,
     /// Done by another version of the solver.
     DoneBy(String),
-    /// Kept as failed.
+    /// Recorded as failed.
     Failed(Status),
 }
 
@@ -72,8 +72,8 @@ pub fn reasons(study: &Study, folder: &Path) -> Result<Vec<Reason>> {
     };
     let found: Vec<Option<Reason>> = study.jobs.iter().map(known).collect();
     let before = match found.iter().any(Option::is_none) {
-        // A manifest that cannot be read is no reason to stop: its jobs are new.
-        true => Manifest::read(folder).unwrap_or(None).map(Before::new),
+        // If the manifest cannot be read, its jobs count as new.
+        true => Manifest::read(folder).unwrap_or(None).map(EarlierPlan::new),
         false => None,
     };
     let unknown = |job: &Job| match before.as_ref().and_then(|before| before.changes(study, job)) {
@@ -85,13 +85,13 @@ pub fn reasons(study: &Study, folder: &Path) -> Result<Vec<Reason>> {
     Ok(study.jobs.iter().zip(found).map(reason).collect())
 }
 
-/// The plan that was there before, its jobs by their swept values.
-struct Before {
+/// The plan of the earlier run, with its jobs by their swept values.
+struct EarlierPlan {
     manifest: Manifest,
     by_swept: HashMap<String, usize>,
 }
 
-/// Swept values as one text, by name, so that the order of the axes does not matter.
+/// Swept values as one text, sorted by name, so that the order of the axes does not matter.
 fn key<'v>(axes: &[String], swept: impl Iterator<Item = &'v Option<crate::study::settings::Value>>) -> String {
     let mut parts: Vec<String> =
         axes.iter().zip(swept).filter_map(|(name, value)| Some(format!("{name}={}", value.as_ref()?))).collect();
@@ -99,13 +99,14 @@ fn key<'v>(axes: &[String], swept: impl Iterator<Item = &'v Option<crate::study:
     parts.join(";")
 }
 
-impl Before {
+impl EarlierPlan {
     fn new(manifest: Manifest) -> Self {
         let jobs = manifest.jobs.iter().enumerate();
         let by_swept = jobs.map(|(i, job)| (key(&manifest.axes, job.swept.iter()), i)).collect();
         Self { manifest, by_swept }
     }
 
+    /// What has changed in the job with the same swept values; `None` if there was none.
     fn changes(&self, study: &Study, job: &Job) -> Option<Vec<String>> {
         let old = &self.manifest.jobs[*self.by_swept.get(&key(&study.axes, job.swept.iter()))?];
         let mut what = Vec::new();

@@ -1,34 +1,34 @@
-//! Failed jobs again, by continuation: from the nearest solved job over to the failed one, in one step, two, or four.
+//! Retries failed jobs by continuation: from the nearest solved job to the failed one, in one, two or four steps.
 
 use std::collections::HashMap;
 
 use super::store::Store;
-use super::{Solver, contained};
+use super::{Solver, solve_catching};
 use crate::outcome::{Outcome, Status};
 use crate::study::change::ModelChange;
 use crate::study::settings::Value;
 use crate::study::{Job, Study};
 use crate::warm::Answer;
 
-/// Steps from a neighbour to the failed job, tried one after the other.
+/// Numbers of steps from a neighbour to the failed job, tried in this order.
 const STEPS: [usize; 3] = [1, 2, 4];
-/// Neighbours tried, the nearest first.
+/// Number of neighbours to try, the nearest first.
 const NEIGHBOURS: usize = 2;
 
-/// Jobs that a continuation may help: failed, not tried again so far, and set up as a problem.
+/// Failed jobs that may be solved by continuation: those not retried yet, and neither invalid nor panicked.
 pub fn candidates<'s>(study: &'s Study, store: &Store) -> Vec<&'s Job> {
-    let helped = |status| !matches!(status, Status::Converged | Status::Invalid | Status::Panicked);
-    let wants = |job: &&Job| store.get(&job.id).is_some_and(|h| helped(h.status) && !h.retried);
-    study.jobs.iter().filter(wants).collect()
+    let may_help = |status| !matches!(status, Status::Converged | Status::Invalid | Status::Panicked);
+    let is_candidate = |job: &&Job| store.get(&job.id).is_some_and(|h| may_help(h.status) && !h.retried);
+    study.jobs.iter().filter(is_candidate).collect()
 }
 
-/// What jobs may start from: those that were solved without help, so that the order of retries does not matter.
+/// Jobs that a continuation may start from: those solved without one, so that the order of the retries does not matter.
 pub fn solved<'s>(study: &'s Study, store: &Store) -> Vec<&'s Job> {
-    let is = |job: &&Job| store.get(&job.id).is_some_and(|h| h.status == Status::Converged && !h.retried);
-    study.jobs.iter().filter(is).collect()
+    let is_solved = |job: &&Job| store.get(&job.id).is_some_and(|h| h.status == Status::Converged && !h.retried);
+    study.jobs.iter().filter(is_solved).collect()
 }
 
-/// The outcome of a failed job after all tries; its first one, with a word on the retry, if none helped.
+/// The outcome of a failed job after the retry. If no attempt succeeds, this is its first outcome with a note added.
 pub fn retry(study: &Study, job: &Job, first: Outcome, solved: &[&Job], solver: &Solver<'_>) -> Outcome {
     let distance = Distance::of(study);
     let mut near: Vec<&Job> = solved.to_vec();
@@ -40,7 +40,7 @@ pub fn retry(study: &Study, job: &Job, first: Outcome, solved: &[&Job], solver: 
     for neighbour in near.into_iter().take(NEIGHBOURS) {
         tried.push(neighbour.index.to_string());
         for steps in STEPS {
-            if let Some(mut outcome) = march(study, neighbour, job, steps, solver) {
+            if let Some(mut outcome) = continuation(study, neighbour, job, steps, solver) {
                 let remark = format!("solved by continuation from job {} in {steps} step(s)", neighbour.index);
                 outcome.job.remark = Some(match outcome.job.remark.take() {
                     Some(own) => format!("{own}; {remark}"),
@@ -52,25 +52,27 @@ pub fn retry(study: &Study, job: &Job, first: Outcome, solved: &[&Job], solver: 
         }
     }
     let mut outcome = first;
-    let word = match tried.is_empty() {
-        true => "no job is solved from which a continuation could start".to_owned(),
+    let note = match tried.is_empty() {
+        true => "no solved job from which a continuation could start".to_owned(),
         false => format!("continuation from job(s) {} did not help", tried.join(", ")),
     };
-    outcome.job.error = Some(outcome.job.error.map_or(word.clone(), |error| format!("{error}; {word}")));
+    outcome.job.error = Some(outcome.job.error.map_or(note.clone(), |error| format!("{error}; {note}")));
     outcome
 }
 
-fn march(study: &Study, from: &Job, to: &Job, steps: usize, solver: &Solver<'_>) -> Option<Outcome> {
-    let mut answer: Option<Answer> = contained(study, from, None, solver).1;
+/// The outcome of the job `to`, approached from `from` in equal steps; `None` if it does not converge.
+fn continuation(study: &Study, from: &Job, to: &Job, steps: usize, solver: &Solver<'_>) -> Option<Outcome> {
+    let mut answer: Option<Answer> = solve_catching(study, from, None, solver).1;
     for step in 1..steps {
         let between = between(study, from, to, step as f64 / steps as f64);
-        answer = contained(study, &between, Some(&answer?), solver).1;
+        answer = solve_catching(study, &between, Some(&answer?), solver).1;
     }
-    let (outcome, _) = contained(study, to, Some(&answer?), solver);
+    let (outcome, _) = solve_catching(study, to, Some(&answer?), solver);
     (outcome.job.status == Status::Converged).then_some(outcome)
 }
 
-/// The job `to` with its numbers moved back towards those of `from`; share 1 is `to` itself.
+/// The job `to` with its numbers moved back towards those of `from`; a share of 1 gives `to` itself. μ moves along its
+/// logarithm, everything else linearly.
 fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
     let mix = |a: f64, b: f64| match a > 0.0 && b > 0.0 {
         true => (a.ln() + share * (b.ln() - a.ln())).exp(),
@@ -109,9 +111,9 @@ fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
     job
 }
 
-/// How far apart jobs are in what the study sweeps: numbers by their span, everything else 0 or 1.
+/// Distance between jobs in their swept values: numbers relative to the span of their axis, everything else 0 or 1.
 struct Distance {
-    /// (least, greatest) of each axis of numbers.
+    /// (least, greatest) value of each axis of numbers.
     spans: HashMap<usize, (f64, f64)>,
 }
 
@@ -134,7 +136,7 @@ impl Distance {
             let number = |value: &Option<Value>| value.as_ref().and_then(Value::number);
             match (number(a), number(b), self.spans.get(&axis)) {
                 (Some(a), Some(b), Some((least, greatest))) if greatest > least => {
-                    // On the logarithm where an axis spans decades.
+                    // Logarithmic if the axis spans a decade or more.
                     let scale = |x: f64| if *least > 0.0 && greatest / least >= 10.0 { x.ln() } else { x };
                     ((scale(a) - scale(b)) / (scale(*greatest) - scale(*least))).abs()
                 }

@@ -1,9 +1,9 @@
-//! Finished jobs on disk: one JSON line each, appended and synced as they finish.
+//! Finished jobs on disk: one JSON line each, appended and synced as the jobs finish.
 //!
-//! A folder may hold several such files, one a writer: `finished.jsonl` of a run on one machine, `finished.I-of-N….jsonl` of
-//! shards. Readers take all of them together; of two lines for one job the later one counts. A line begins with a header
-//! that says how the job ended and holds a hash of the outcome after it, so that folders of many jobs open fast and damage
-//! is seen.
+//! A folder may contain several such files, one per writer: `finished.jsonl` for a run on one machine,
+//! `finished.I-of-N….jsonl` for shards. Readers combine all of them; of two lines for the same job, the later one
+//! counts. A line begins with a header, which states how the job ended and contains a hash of header and outcome.
+//! Folders of many jobs thus open fast, and damage is detected.
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -31,18 +31,18 @@ pub struct Header {
     pub status: Status,
     /// Version of the solver, see `build.rs`.
     pub solver: String,
-    /// Solved, or tried again, by continuation from a neighbour.
+    /// Whether it was retried by continuation from a neighbour, with success or without.
     pub retried: bool,
     /// When it finished, ms since 1970.
     pub time_ms: u64,
-    /// Bytes of the outcome's text.
+    /// Length of the outcome's text in bytes.
     length: usize,
-    /// Hash of the header, with nothing here, and the outcome's text.
+    /// Hash of the header, with this field empty, and the outcome's text.
     check: String,
 }
 
 impl Header {
-    /// The line's beginning up to the outcome's text.
+    /// The beginning of the line, up to the outcome's text.
     fn text(&self) -> Vec<u8> {
         let mut text = serde_json::to_vec(self).expect("a header is plain data");
         text.pop(); // its closing brace comes after the outcome
@@ -50,9 +50,10 @@ impl Header {
         text
     }
 
+    /// Whether the hash is that of this header and the outcome's text `body`.
     fn is_of(&self, body: &[u8]) -> bool {
         let plain = Header { check: String::new(), ..self.clone() };
-        // Before, only the outcome's text was covered.
+        // Older versions hashed the outcome's text only.
         self.check == hash(&[&plain.text(), body]) || self.check == hash(&[body])
     }
 }
@@ -64,10 +65,11 @@ struct Entry {
     offset: u64,
 }
 
-struct Own {
+struct OwnFile {
+    /// Index in [`Store::files`].
     place: usize,
     file: File,
-    /// Where its last whole line ends.
+    /// Where its last complete line ends.
     end: u64,
 }
 
@@ -77,14 +79,16 @@ pub struct Store {
     files: Vec<PathBuf>,
     entries: HashMap<String, Entry>,
     /// The file that this process writes to.
-    own: Option<Own>,
-    /// The file last read from: one at a time, since there may be more shards than files that a process may open.
+    own: Option<OwnFile>,
+    /// The file last read from. Only one is open at a time: there may be more shards than files that a process may
+    /// open.
     reading: Option<(usize, File)>,
-    /// Damaged lines passed over.
+    /// Number of damaged lines, which were skipped.
     pub damaged: usize,
 }
 
-/// The line of a finished job. It is later than `after` (ms since 1970), the line that it takes the place of, whatever the clock.
+/// The line of a finished job. Whatever the clock says, its time is later than `after` (ms since 1970), the time of the
+/// line that it replaces.
 pub fn line(job_id: &str, outcome: &Outcome, retried: bool, after: u64) -> Vec<u8> {
     let body = serde_json::to_vec(outcome).expect("rows are plain data");
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64);
@@ -104,7 +108,7 @@ pub fn line(job_id: &str, outcome: &Outcome, retried: bool, after: u64) -> Vec<u
     line
 }
 
-const BUSY: &str = "another run is at work in this folder; wait for it, or choose another --out";
+const BUSY: &str = "another run is using this folder; wait for it to end, or choose another --out";
 
 fn hash(parts: &[&[u8]]) -> String {
     let mut hasher = blake3::Hasher::new();
@@ -114,23 +118,24 @@ fn hash(parts: &[&[u8]]) -> String {
     hasher.finalize().to_hex()[..16].to_owned()
 }
 
-/// How every line begins.
+/// The beginning of every line.
 const BEGIN: &[u8] = b"{\"job_id\":\"";
 
-/// Longest header.
-const HEADER: usize = 1024;
+/// Length of the longest header, bytes.
+const MAX_HEADER: usize = 1024;
 
 /// The header at the beginning of a line, and where the outcome begins in it.
 fn parse(line: &[u8]) -> Option<(Header, usize)> {
-    let split = line.windows(OUTCOME.len()).take(HEADER).position(|window| window == OUTCOME)?;
+    let split = line.windows(OUTCOME.len()).take(MAX_HEADER).position(|window| window == OUTCOME)?;
     let mut head = line[..split].to_vec();
     head.push(b'}');
     Some((serde_json::from_slice(&head).ok()?, split + OUTCOME.len()))
 }
 
-/// The header of the line that begins at `offset`, and where its outcome begins; `None` if the line is not whole.
+/// The header of the line that begins at `offset`, and where its outcome begins; `None` if the line is incomplete or
+/// damaged.
 fn line_at(file: &mut File, offset: u64, size: u64) -> std::io::Result<Option<(Header, u64)>> {
-    let mut begin = vec![0; HEADER.min((size - offset) as usize)];
+    let mut begin = vec![0; MAX_HEADER.min((size - offset) as usize)];
     file.seek(SeekFrom::Start(offset))?;
     file.read_exact(&mut begin)?;
     let Some((header, start)) = parse(&begin) else { return Ok(None) };
@@ -141,13 +146,13 @@ fn line_at(file: &mut File, offset: u64, size: u64) -> std::io::Result<Option<(H
     let mut rest = vec![0; header.length + 2];
     file.seek(SeekFrom::Start(body))?;
     if let Err(error) = file.read_exact(&mut rest) {
-        // It has become shorter under our eyes.
+        // The file was truncated in the meantime.
         return if error.kind() == ErrorKind::UnexpectedEof { Ok(None) } else { Err(error) };
     }
     Ok((rest.ends_with(b"}\n") && header.is_of(&rest[..header.length])).then_some((header, body)))
 }
 
-/// Where the line at `offset` ends, just behind its `\n`; `None` if it has none.
+/// Where the line at `offset` ends, just after its `\n`; `None` if it has none.
 fn end_of_line(file: &mut File, offset: u64) -> std::io::Result<Option<u64>> {
     file.seek(SeekFrom::Start(offset))?;
     let mut line = Vec::new();
@@ -156,15 +161,15 @@ fn end_of_line(file: &mut File, offset: u64) -> std::io::Result<Option<u64>> {
 }
 
 impl Store {
-    /// Reads what is there, and writes nothing.
+    /// Reads the finished jobs of a folder, and writes nothing.
     pub fn read(folder: &Path) -> Result<Self> {
         Self::read_all(&Self::paths(folder)?)
     }
 
-    /// Opens the store for writing by this process alone.
+    /// Opens the store for writing, by this process only.
     ///
     /// # Errors
-    /// If another run is at work in this folder. (Shards share it, each with a file of its own.)
+    /// If another run is using this folder. (Shards share it, each with its own file.)
     pub fn open(folder: &Path, shard: Option<Shard>, fresh: bool) -> Result<Self> {
         let (own, mut file) = Self::own(folder, shard)?;
         let paths = Self::paths(folder)?;
@@ -181,12 +186,12 @@ impl Store {
         let others: Vec<PathBuf> = paths.into_iter().filter(|path| !fresh && *path != own).collect();
         let mut store = Self::read_all(&others)?;
         let end = store.scan(own.clone(), &mut file)?;
-        // A last line that was cut off would spoil the next one.
-        file.set_len(end).map_err(|e| Error::io("mend", &own, e))?;
-        store.own = Some(Own { place: store.files.len() - 1, file, end });
+        // An incomplete last line would corrupt the next one.
+        file.set_len(end).map_err(|e| Error::io("repair", &own, e))?;
+        store.own = Some(OwnFile { place: store.files.len() - 1, file, end });
         if store.damaged > 0 {
             let (count, folder) = (store.damaged, folder.display());
-            note(&format!("note: {count} damaged line(s) in {folder}: those jobs run again"));
+            note(&format!("note: {count} damaged line(s) in {folder}: their jobs are run again"));
         }
         Ok(store)
     }
@@ -200,14 +205,14 @@ impl Store {
         Ok(store)
     }
 
-    /// Whether a file of that name looks as if a run had written it: it is empty, or begins as lines do, whole or not.
+    /// Whether a file looks like one written by a run: it is empty, or begins with a line, complete or not.
     pub fn is_own(path: &Path) -> bool {
         let mut begin = Vec::new();
         let read = File::open(path).and_then(|file| file.take(BEGIN.len() as u64).read_to_end(&mut begin));
         read.is_ok() && BEGIN.starts_with(&begin)
     }
 
-    /// The files of a folder, by name.
+    /// The files of finished jobs in a folder, sorted by name.
     pub fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
         let entries = std::fs::read_dir(folder).map_err(|e| Error::io("read", folder, e))?;
         let mut paths: Vec<PathBuf> = entries
@@ -218,7 +223,8 @@ impl Store {
         Ok(paths)
     }
 
-    /// The locked file of this process. A shard whose file another process holds (a lost node's, perhaps) takes a new one.
+    /// The locked file of this process. A shard takes a new file if another process (perhaps of a lost node) still
+    /// holds its own.
     fn own(folder: &Path, shard: Option<Shard>) -> Result<(PathBuf, File)> {
         for attempt in 1.. {
             let name = match shard {
@@ -240,7 +246,7 @@ impl Store {
                     return Err(Error::io("open", &path, std::io::Error::other(BUSY)));
                 }
                 Err(TryLockError::WouldBlock) => {}
-                // Some network file systems know no locks: a file that nobody else would take.
+                // Some network file systems do not support locks: use a file name that nobody else would choose.
                 Err(TryLockError::Error(_)) => {
                     let part = shard.map_or("all".to_owned(), |shard| format!("{}-of-{}", shard.index, shard.count));
                     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_nanos());
@@ -253,17 +259,17 @@ impl Store {
         unreachable!("some attempt gets its lock")
     }
 
-    /// Whether any run has begun to keep results in the folder.
+    /// Whether any run has started to store results in the folder.
     pub fn has_files(&self) -> bool {
         !self.files.is_empty()
     }
 
-    /// Whether some process is writing in the folder.
+    /// Whether some process is writing to the folder.
     pub fn at_work(folder: &Path) -> bool {
         Self::paths(folder).is_ok_and(|paths| paths.iter().any(|path| is_held(path)))
     }
 
-    /// Takes in all lines of a file; returns where the last whole one ends.
+    /// Reads all lines of a file. Returns where the last complete one ends.
     fn scan(&mut self, path: PathBuf, file: &mut File) -> Result<u64> {
         let failed = |e| Error::io("read", &path, e);
         let size = file.metadata().map_err(failed)?.len();
@@ -290,7 +296,7 @@ impl Store {
 
     fn insert(&mut self, entry: Entry) {
         let known = self.entries.get(&entry.header.job_id);
-        // Within a file the order of the lines is that of time.
+        // Within a file, the lines are in chronological order.
         let later = |known: &Entry| known.file == entry.file || known.header.time_ms <= entry.header.time_ms;
         if known.is_none_or(later) {
             self.entries.insert(entry.header.job_id.clone(), entry);
@@ -314,12 +320,13 @@ impl Store {
         file.seek(SeekFrom::Start(entry.offset)).and_then(|_| file.read_exact(&mut body)).map_err(failed)?;
         let damaged = |e: String| failed(std::io::Error::other(format!("job {job_id}: {e}")));
         if !entry.header.is_of(&body) {
-            return Err(damaged("its line was changed on disk; run the study again to compute it anew".to_owned()));
+            return Err(damaged("its line was changed on disk; run the study again to recompute it".to_owned()));
         }
         serde_json::from_slice(&body).map(Some).map_err(|e| damaged(e.to_string()))
     }
 
-    /// Writes lines of finished jobs and waits until the disk has them. Where it takes no more, as many as it takes.
+    /// Writes the lines of finished jobs and syncs them to disk. If that fails, writes them one by one, as far as
+    /// possible.
     pub fn add(&mut self, lines: &[Vec<u8>]) -> Result<()> {
         match self.append(lines) {
             Err(_) if lines.len() > 1 => lines.chunks(1).try_for_each(|line| self.append(line)),
@@ -327,16 +334,16 @@ impl Store {
         }
     }
 
-    /// All of the lines, or none.
+    /// Writes all of the lines, or none.
     fn append(&mut self, lines: &[Vec<u8>]) -> Result<()> {
-        let Own { place, file, end } = self.own.as_mut().expect("the store is open for writing");
+        let OwnFile { place, file, end } = self.own.as_mut().expect("the store is open for writing");
         let (place, mut offset) = (*place, *end);
         let written = file
             .seek(SeekFrom::Start(offset))
             .and_then(|_| file.write_all(&lines.concat()))
             .and_then(|()| file.sync_data());
         if let Err(error) = written {
-            let _ = file.set_len(offset); // no half line stays
+            let _ = file.set_len(offset); // leave no partial line
             return Err(Error::io("write", &self.files[place], error));
         }
         *end += lines.iter().map(|line| line.len() as u64).sum::<u64>();
@@ -350,7 +357,8 @@ impl Store {
     }
 }
 
-/// `finished.jsonl`, `finished.I-of-N….jsonl`, or `finished.all….jsonl` where there are no locks.
+/// Whether a name is `finished.jsonl`, `finished.I-of-N….jsonl`, or `finished.all….jsonl` (where locks are not
+/// supported).
 fn is_name(name: &str) -> bool {
     let Some(inner) = name.strip_prefix("finished.").and_then(|name| name.strip_suffix("jsonl")) else { return false };
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit() || b == b'-');
@@ -360,7 +368,7 @@ fn is_name(name: &str) -> bool {
     (first.is_empty() || first == "all" || is_shard(first)) && parts.all(is_number)
 }
 
-/// A file of one name alone: where it has others, as in a backup by hard links, a copy takes this name.
+/// The file itself if `path` is its only name. If it has others, as in a backup by hard links, a copy replaces it here.
 fn unshared(path: &Path, mut file: File) -> std::io::Result<File> {
     if file.metadata()?.nlink() < 2 {
         return Ok(file);
@@ -418,7 +426,7 @@ mod tests {
             bytes[i] ^= 1;
             std::fs::write(&path, &bytes).unwrap();
             let mut store = Store::read(folder.path()).unwrap();
-            // What is still read is what was written, whatever became of the rest of its header.
+            // If the outcome can still be read, it and its header are as written.
             if let Some(found) = store.outcome("a").unwrap() {
                 assert_eq!(found, outcome("one"), "byte {i}");
                 assert_eq!(store.get("a").unwrap(), &header, "byte {i}");
@@ -453,7 +461,7 @@ mod tests {
         let store = Store::read(folder.path()).unwrap();
         assert!(["a", "b", "c"].iter().all(|id| store.get(id).is_some()));
         assert!(Store::at_work(folder.path()));
-        assert!(Store::open(folder.path(), None, true).is_err(), "their files are not forgotten under their hands");
+        assert!(Store::open(folder.path(), None, true).is_err(), "files in use are not discarded");
         drop((one, two, again));
         assert!(!Store::at_work(folder.path()));
     }

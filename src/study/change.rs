@@ -1,4 +1,4 @@
-//! Changes of a model's numbers by path: `muscle.triceps.tendon_slack_length`, or `…_scale` for a factor.
+//! Changes numbers of a model by path: `muscle.triceps.tendon_slack_length`, or `…_scale` for a factor.
 
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +17,7 @@ pub struct ModelChange {
     pub value: f64,
 }
 
+/// Top-level keys of model files whose numbers a study may change.
 pub const GROUPS: [&str; 11] = [
     "body",
     "joint",
@@ -31,12 +32,13 @@ pub const GROUPS: [&str; 11] = [
     "abduction",
 ];
 
-/// Whether a name of a study addresses the model and not a setting.
+/// Whether a name in a study refers to the model rather than to a setting.
 pub fn is_model_path(name: &str) -> bool {
     GROUPS.contains(&name.split('.').next().unwrap_or(""))
 }
 
-/// A path with each entry that has a name under it, and not under its number: one number, one path.
+/// The canonical form of a path: list entries by name where they have one, not by index, so that each number has
+/// exactly one path.
 fn canonical(model: &toml::Table, path: &str) -> String {
     let mut place: Option<&toml::Value> = None;
     let mut keys: Vec<String> = Vec::new();
@@ -59,10 +61,10 @@ fn canonical(model: &toml::Table, path: &str) -> String {
     keys.join(".")
 }
 
-/// The paths that `path` stands for: itself, or with `*` in it all that fit, in the order of the model file.
+/// The paths that `path` stands for: itself, or all that match if it contains `*`, in the order of the model file.
 ///
 /// # Errors
-/// If nothing fits.
+/// If nothing matches.
 pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complaint> {
     if !path.contains('*') {
         return Ok(vec![canonical(model, path)]);
@@ -79,7 +81,7 @@ pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complain
                 Some(toml::Value::Array(items)) => items.iter().enumerate().map(|(i, item)| name_of(i, item)).collect(),
                 Some(_) => Vec::new(),
             };
-            // The last key may be one that the file leaves to its default, or a factor.
+            // The last key may be a factor, or a key that the file omits because it keeps the default.
             let fits: Vec<String> = match depth + 1 == keys.len() && !key.contains('*') {
                 true => vec![(*key).to_owned()],
                 false => names.iter().filter(|name| pattern.matches(name)).cloned().collect(),
@@ -94,10 +96,10 @@ pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complain
             }
         }
         if next.is_empty() {
-            let sofar = keys[..=depth].join(".");
+            let beginning = keys[..=depth].join(".");
             return Err(Complaint::new(
-                format!("nothing in the model fits `{sofar}`"),
-                "* stands for any letters of one name, such as muscle.*.tendon_slack_length_scale",
+                format!("nothing in the model matches `{beginning}`"),
+                "* matches any characters of one name, as in muscle.*.tendon_slack_length_scale",
             ));
         }
         found = next;
@@ -105,10 +107,12 @@ pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complain
     Ok(found.into_iter().map(|(path, _)| path.join(".")).collect())
 }
 
+/// The name of a list entry, or its index if it has none.
 fn name_of(index: usize, item: &toml::Value) -> String {
     item.get("name").and_then(toml::Value::as_str).map_or(index.to_string(), str::to_owned)
 }
 
+/// What a table or list contains under a key, name or index.
 fn child<'t>(place: &'t toml::Value, key: &str) -> Option<&'t toml::Value> {
     match place {
         toml::Value::Table(table) => table.get(key),
@@ -120,7 +124,7 @@ fn child<'t>(place: &'t toml::Value, key: &str) -> Option<&'t toml::Value> {
     }
 }
 
-/// The number at a path of the model; `None` for paths that the file leaves to their default.
+/// The number at a path of the model; `None` if the file omits it.
 pub fn number_at(model: &toml::Table, path: &str) -> Option<f64> {
     let mut keys = path.split('.');
     let mut place = model.get(keys.next()?)?;
@@ -134,7 +138,7 @@ impl ModelChange {
     pub fn new(path: &str, value: &Value) -> Result<Self, Complaint> {
         match value.number() {
             Some(value) if value.is_finite() => Ok(Self { path: path.to_owned(), value: value + 0.0 }), // no −0
-            _ => Err(Complaint::new(format!("found {}", describe(value)), "a model's number must be a finite number")),
+            _ => Err(Complaint::new(format!("found {}", describe(value)), "a number of the model must be finite")),
         }
     }
 
@@ -143,22 +147,22 @@ impl ModelChange {
         self.path.ends_with("_scale")
     }
 
-    /// Whether the model stays as it is.
+    /// Whether the change leaves the model as it is.
     pub fn is_idle(&self, model: &toml::Table) -> bool {
         if self.is_factor() { self.value == 1.0 } else { number_at(model, &self.path) == Some(self.value) }
     }
 
-    /// Changes the model file's table.
+    /// Applies the change to the table of the model file.
     ///
     /// # Errors
-    /// If the path leads to no number; the help says where it broke off and what is there.
+    /// If the path does not lead to a number. The help says where it fails and which keys are there.
     pub fn apply(&self, table: &mut toml::Table) -> Result<(), Complaint> {
         let keys: Vec<&str> = self.path.split('.').collect();
         // force.<name>_scale scales force and moment together.
         if let ["force", name] = keys[..]
             && let Some(name) = name.strip_suffix("_scale")
         {
-            // One that the motion has over time is scaled by its own factor.
+            // A force that the motion gives over time is scaled by its factor `scale`.
             let place = table.get("force").and_then(|forces| child(forces, name));
             if place.is_some_and(|force| force.get("force").is_none()) {
                 let scale = place.and_then(|force| force.get("scale")).and_then(Value::of).and_then(|v| v.number());
@@ -168,7 +172,7 @@ impl ModelChange {
             for key in ["force", "moment"] {
                 let change = Self { path: format!("force.{name}.{key}_scale"), value: self.value };
                 match change.apply(table) {
-                    Err(_) if key == "moment" => {} // not in the file: zero
+                    Err(_) if key == "moment" => {} // zero if not in the file
                     other => other?,
                 }
             }
@@ -192,7 +196,7 @@ impl ModelChange {
                 if table.contains_key(*key) {
                     return self.walk(table.get_mut(*key).expect("just found"), rest);
                 }
-                Err(self.lost(key, table.keys().map(String::as_str)))
+                Err(self.no_such_key(key, table.keys().map(String::as_str)))
             }
             toml::Value::Array(items) => {
                 let named = items.iter().position(|item| item.get("name").and_then(toml::Value::as_str) == Some(key));
@@ -204,16 +208,16 @@ impl ModelChange {
                         Ok(())
                     }
                     Some(_) => Err(Complaint::new(
-                        format!("`{}` is no number of the model", self.path),
-                        "go on with `.` and the key of a number",
+                        format!("`{}` is not a number of the model", self.path),
+                        "continue the path with `.` and the key of a number",
                     )),
                     None => {
                         let names: Vec<String> = items.iter().enumerate().map(|(i, item)| name_of(i, item)).collect();
-                        Err(self.lost(key, names.iter().map(String::as_str)))
+                        Err(self.no_such_key(key, names.iter().map(String::as_str)))
                     }
                 }
             }
-            _ => Err(Complaint::new(format!("`{}` goes on after a number", self.path), "shorten the path")),
+            _ => Err(Complaint::new(format!("`{}` continues past a number", self.path), "shorten the path")),
         }
     }
 
@@ -223,20 +227,21 @@ impl ModelChange {
         {
             let value = match table.get_mut(base) {
                 Some(value) => value,
-                None => return Err(self.lost(base, table.keys().map(String::as_str))),
+                None => return Err(self.no_such_key(base, table.keys().map(String::as_str))),
             };
             return scale(value, self.value).ok_or_else(|| {
                 Complaint::new(
-                    format!("`{base}` is no number and cannot be scaled"),
-                    "scale numbers or lists of numbers",
+                    format!("`{base}` is not a number and cannot be scaled"),
+                    "only numbers and lists of numbers can be scaled",
                 )
             });
         }
         match table.get(key) {
-            Some(value) if !is_number(value) => {
-                Err(Complaint::new(format!("`{}` is no number of the model", self.path), "only numbers can be changed"))
-            }
-            // A number left to its default in the file may be set; an unknown key fails when the model is checked.
+            Some(value) if !is_number(value) => Err(Complaint::new(
+                format!("`{}` is not a number of the model", self.path),
+                "only numbers can be changed",
+            )),
+            // A number that the file omits may be set; an unknown key fails when the model is checked.
             _ => {
                 table.insert(key.to_owned(), toml::Value::Float(self.value));
                 Ok(())
@@ -244,12 +249,12 @@ impl ModelChange {
         }
     }
 
-    fn lost<'a>(&self, key: &str, there: impl Iterator<Item = &'a str>) -> Complaint {
-        let there: Vec<&str> = there.collect();
-        let near = nearest(key, there.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
+    fn no_such_key<'a>(&self, key: &str, present: impl Iterator<Item = &'a str>) -> Complaint {
+        let present: Vec<&str> = present.collect();
+        let near = nearest(key, present.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
         Complaint::new(
             format!("`{}`: the model has no `{key}` there", self.path),
-            format!("{near}there is: {}", there.join(", ")),
+            format!("{near}available: {}", present.join(", ")),
         )
     }
 }
@@ -268,23 +273,24 @@ fn scale(value: &mut toml::Value, factor: f64) -> Option<()> {
     Some(())
 }
 
-/// The model with these changes made.
+/// The model with these changes applied.
 ///
 /// # Errors
-/// The first change that leads nowhere, or what is wrong with the changed model.
+/// The first change that cannot be applied, or why the changed model is invalid.
 pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdle) -> Result<Model, Complaint> {
     let mut table = table.clone();
     for change in changes {
         change.apply(&mut table)?;
     }
-    let no_file = |e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file");
-    let wrong = |i: Issue| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
+    let unreadable =
+        |e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file");
+    let invalid = |i: Issue| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
     if SkeletonFile::is_one(&table) {
-        let file: SkeletonFile = table.try_into().map_err(no_file)?;
-        let skeleton = file.check().map_err(wrong)?;
-        skeleton.check_study().map_err(wrong)?;
+        let file: SkeletonFile = table.try_into().map_err(unreadable)?;
+        let skeleton = file.check().map_err(invalid)?;
+        skeleton.check_study().map_err(invalid)?;
         return Ok(Model::of_skeleton(Arc::new(skeleton), girdle.into()));
     }
-    let file: ModelFile = table.try_into().map_err(no_file)?;
-    file.check().map_err(wrong)
+    let file: ModelFile = table.try_into().map_err(unreadable)?;
+    file.check().map_err(invalid)
 }

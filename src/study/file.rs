@@ -1,4 +1,4 @@
-//! What a study file may hold, as types: read by serde, and the JSON Schema that editors use is made from them.
+//! The types of a study file. Serde reads them, and the JSON Schema for editors is generated from them.
 
 use std::fmt;
 
@@ -11,15 +11,15 @@ use serde::{Deserialize, Serialize};
 use super::change::GROUPS;
 use super::settings::{Settings, Value};
 
-/// A study of Sinew: a sweep over an inverse musculoskeletal problem.
+/// A Sinew study: a sweep over an inverse musculoskeletal problem.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(title = "Sinew study")]
 pub struct StudyFile {
-    /// Becomes the name of the results folder: letters, digits, - _ and . only.
+    /// Name of the study and of its results folder: letters, digits, -, _ and . only.
     #[schemars(regex(pattern = r"^[^.][\w.-]*$"))]
     pub name: String,
-    /// A sentence for the reader of the results.
+    /// A short description for readers of the results.
     #[serde(default)]
     pub description: String,
     /// Model file, relative to this file.
@@ -30,7 +30,7 @@ pub struct StudyFile {
     #[serde(default)]
     #[schemars(with = "FixedValues")]
     pub base: toml::Table,
-    /// What varies. Several, as [[sweep]], follow one another; jobs that were there already are left out.
+    /// What varies. Several sweeps, as [[sweep]], follow one another; repeated jobs are omitted.
     #[serde(default)]
     pub sweep: OneOrMany<Sweep>,
     /// Load ratios to report.
@@ -39,48 +39,48 @@ pub struct StudyFile {
     /// What to do when a job fails.
     #[serde(default)]
     pub on_failure: OnFailure,
-    /// Numbers of the model whose values here may be more than ten times larger or smaller than the model's own.
+    /// Numbers of the model whose values in the study may be more than ten times larger or smaller than the model's.
     #[serde(default)]
     pub confirm: Vec<String>,
 }
 
-/// Axes of several kinds; those given multiply.
+/// Axes of several kinds, which multiply.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sweep {
     /// Seeded samples.
     pub sample: Option<Sample>,
-    /// Named sweeps that multiply with each other.
+    /// Named sweeps, which multiply with one another.
     #[serde(default)]
     #[schemars(with = "std::collections::BTreeMap<String, Sweep>")]
     pub group: IndexMap<String, Sweep>,
-    /// Explicit jobs, a table each.
+    /// Explicit jobs, one table each.
     #[serde(default)]
     #[schemars(with = "Jobs")]
     pub list: Vec<toml::Table>,
-    /// Every combination; the first axis turns slowest.
+    /// Every combination; the first axis varies slowest.
     #[serde(default)]
     #[schemars(with = "Axes")]
     pub grid: Option<toml::Table>,
-    /// The base, and each value of each axis alone.
+    /// The base, and each value of each axis on its own.
     #[serde(default)]
     #[schemars(with = "Axes")]
     pub star: Option<toml::Table>,
-    /// Side by side, all of one length.
+    /// Axes that vary together, all of the same length.
     #[serde(default)]
     #[schemars(with = "Axes")]
     pub zip: Option<toml::Table>,
-    /// Keep only what matches all keys of one of these.
+    /// Keep only jobs that match all keys of one of these.
     #[serde(default)]
     #[schemars(with = "Conditions")]
     pub when: Vec<toml::Table>,
-    /// Leave out what matches all keys of one of these.
+    /// Omit jobs that match all keys of one of these.
     #[serde(default)]
     #[schemars(with = "Conditions")]
     pub exclude: Vec<toml::Table>,
 }
 
-/// Seeded draws: of each parameter a value from a range or a list.
+/// Seeded samples: each draws a value of every parameter from a range or a list.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[schemars(extend("additionalProperties" = false))]
 pub struct Sample {
@@ -102,18 +102,18 @@ pub enum Method {
     /// Independent and uniform.
     #[default]
     Random,
-    /// Each of `count` equal parts of each range is met once.
+    /// One sample in each of `count` equal parts of each range.
     LatinHypercube,
-    /// Owen-scrambled Sobol' points: even in every projection.
+    /// Owen-scrambled Sobol' points: evenly spread in every projection.
     Sobol,
 }
 
-/// A load ratio: numerator over denominator, each the sum over one muscle or several.
+/// A load ratio: numerator over denominator, each a sum over one or more muscles.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Ratio {
     pub name: String,
-    /// A muscle, or several; * stands for any letters.
+    /// One or more muscles; * matches any characters.
     pub numerator: OneOrMany<String>,
     pub denominator: OneOrMany<String>,
     #[serde(default = "mean_force")]
@@ -124,15 +124,15 @@ fn mean_force() -> OneOrMany<Measure> {
     OneOrMany(vec![Measure::MeanForce])
 }
 
-/// Of what a load ratio is taken.
+/// The quantity whose ratio is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Measure {
     MeanForce,
-    /// Of several muscles the sum of each one's peak.
+    /// For several muscles, the sum of their peaks.
     PeakForce,
     Impulse,
-    /// Mean activation; of several muscles the mean of theirs.
+    /// Mean activation; for several muscles, the mean of their means.
     Activation,
 }
 
@@ -151,16 +151,16 @@ impl Measure {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnFailure {
-    /// Keep it as a row with a status and the reason; the others go on.
+    /// Record it as a row with a status and the reason, and continue with the others.
     #[default]
     Record,
-    /// Begin no further job.
+    /// Start no further jobs.
     Stop,
-    /// When all others are done, start again from the nearest solved job and move over in steps.
+    /// When all others are done, try again by continuation, in steps from the nearest solved job.
     Retry,
 }
 
-/// One item, or a list of them.
+/// One item, or a list of items.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OneOrMany<T>(pub Vec<T>);
 
@@ -176,14 +176,14 @@ impl<T: Serialize> Serialize for OneOrMany<T> {
     }
 }
 
-// By hand, because an untagged enum would lose the place and reason of a mistake inside.
+// Implemented by hand: an untagged enum would lose the place and cause of an error inside.
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either<T>(std::marker::PhantomData<T>);
         impl<'de, T: Deserialize<'de>> Visitor<'de> for Either<T> {
             type Value = OneOrMany<T>;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("one item or a list of them")
+                f.write_str("one item or a list of items")
             }
             fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Self::Value, E> {
                 T::deserialize(serde::de::value::StrDeserializer::new(text)).map(|one| OneOrMany(vec![one]))
@@ -210,7 +210,7 @@ impl<T: JsonSchema> JsonSchema for OneOrMany<T> {
     }
 }
 
-/// Schemas of tables whose keys are the names that a study may set.
+/// Types for the schemas of tables whose keys are names that a study may set.
 macro_rules! tables_of_names {
     ($($name:ident = $schema:ident),+) => {
         $(
@@ -234,7 +234,7 @@ pub fn schema() -> serde_json::Value {
     schemars::schema_for!(StudyFile).to_value()
 }
 
-/// Every name that a study may set, with the schema of its value turned by `of`.
+/// Schema of a table with every name that a study may set; `of` turns the schema of a value into that of its entry.
 fn names(generator: &mut SchemaGenerator, of: impl Fn(&serde_json::Value) -> serde_json::Value) -> Schema {
     let settings = Settings::json_schema(generator).to_value();
     let mut properties = serde_json::Map::new();
@@ -263,7 +263,7 @@ fn names(generator: &mut SchemaGenerator, of: impl Fn(&serde_json::Value) -> ser
 
 fn fixed_values(generator: &mut SchemaGenerator) -> Schema {
     let mut schema = names(generator, serde_json::Value::clone);
-    // A path may be written as one quoted key or as tables.
+    // A path may be written as one quoted key or as nested tables.
     let pattern = format!("^({}|motion)$", GROUPS.join("|"));
     if let Some(patterns) = schema.get_mut("patternProperties").and_then(serde_json::Value::as_object_mut) {
         patterns.insert(pattern, serde_json::json!({ "type": "object" }));
@@ -283,7 +283,12 @@ fn range(keys: &[&str], required: &[&str]) -> serde_json::Value {
         _ => serde_json::json!({ "type": "number" }),
     };
     let properties: serde_json::Map<_, _> = keys.iter().map(|key| ((*key).to_owned(), kind(key))).collect();
-    serde_json::json!({ "type": "object", "properties": properties, "required": required, "additionalProperties": false })
+    serde_json::json!({
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": false,
+    })
 }
 
 fn axes(generator: &mut SchemaGenerator) -> Schema {
@@ -302,7 +307,7 @@ fn draws(generator: &mut SchemaGenerator) -> Schema {
         generator,
         |value| serde_json::json!({ "anyOf": [{ "type": "array", "items": value, "minItems": 1 }, range] }),
     );
-    // Count, seed and method are beside them; the seed is that of the samples here.
+    // `count`, `seed` and `method` are in the same table; this `seed` is that of the samples, not the setting.
     schema.remove("additionalProperties");
     if let Some(properties) = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut) {
         properties.remove("seed");
@@ -317,7 +322,7 @@ fn conditions(generator: &mut SchemaGenerator) -> Schema {
     json_schema!({ "type": "array", "items": condition, "minItems": 1 })
 }
 
-/// A value of a table for messages.
+/// A TOML value as shown in messages.
 pub fn shown(value: &toml::Value) -> String {
     Value::of(value).map_or_else(|| value.to_string(), |value| value.to_string())
 }

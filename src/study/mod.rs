@@ -1,4 +1,4 @@
-//! From a study file to jobs: pure, deterministic, no solving.
+//! Expands a study file into jobs: pure and deterministic, without solving anything.
 
 pub mod change;
 pub mod file;
@@ -29,7 +29,7 @@ use plan::Plan;
 use settings::{Complaint, RegularityMode, Settings, Value};
 use sources::Sources;
 
-/// A part of every job's identity: raised when the meaning of a result changes.
+/// Part of every job's identity. Raise it when the meaning of a result changes.
 pub const SCHEMA_VERSION: u32 = 4;
 
 /// A study, checked and expanded.
@@ -37,26 +37,26 @@ pub const SCHEMA_VERSION: u32 = 4;
 pub struct Study {
     pub name: String,
     pub description: String,
-    /// The texts that all of this is made from.
+    /// The source texts of study, model and motion.
     pub sources: Sources,
     pub model: Model,
     pub motion: Arc<MotionTable>,
-    /// Names of everything swept, in order.
+    /// Names of the swept axes, in order.
     pub axes: Vec<String>,
     pub jobs: Vec<Job>,
-    /// Jobs of the sweeps that were there already, and left out.
+    /// Number of swept points that repeated an earlier job and were omitted.
     pub repeated: usize,
-    /// Load ratios to report, muscles by name.
+    /// Load ratios to report, with their muscles by name.
     pub ratios: Vec<Ratio>,
     pub on_failure: OnFailure,
-    /// What a job has that nothing sweeps.
+    /// Settings of a job, except where an axis sets them.
     pub base: Settings,
     pub model_hash: String,
     pub motion_hash: String,
     model_table: toml::Table,
 }
 
-/// One solve to do.
+/// One problem to solve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
     pub id: String,
@@ -64,29 +64,29 @@ pub struct Job {
     pub index: usize,
     pub settings: Settings,
     pub changes: Vec<ModelChange>,
-    /// This job's value of each of [`Study::axes`]; `None` where it has none.
+    /// This job's value on each of [`Study::axes`]; `None` where it has none.
     pub swept: Vec<Option<Value>>,
     /// Number of collocation points p.
     pub points: usize,
-    /// Id of the job before, if this one starts from its solution.
+    /// Id of the previous job, if this one starts from its solution.
     pub warm_start_from: Option<String>,
 }
 
 impl Study {
-    /// Reads, checks and expands a study file with its model and motion; or the manifest of a run (or its folder), which
-    /// holds all three.
+    /// Reads, checks and expands a study file with its model and motion, or the manifest of a run (or its folder),
+    /// which contains all three.
     ///
     /// # Errors
-    /// The first mistake, with its place in the file it is in.
+    /// The mistakes found first, with their places in the file.
     pub fn load(path: &Path) -> Result<Self> {
         let (sources, file) = Sources::read(path)?;
         Self::of(sources, file)
     }
 
-    /// [`Study::load`] of files that are read already.
+    /// Like [`Study::load`], for files that have been read already.
     ///
     /// # Errors
-    /// The first mistake, with its place in the file it is in.
+    /// The mistakes found first, with their places in the file.
     pub fn of(sources: Sources, file: StudyFile) -> Result<Self> {
         let (model_table, model) = load_model(&sources.model)?;
         let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
@@ -132,16 +132,17 @@ impl Study {
         })
     }
 
-    /// The model of a job, its changes made.
+    /// The model of a job, with its changes applied.
     ///
     /// # Errors
-    /// If the changes together make no model (a swept value was checked alone where a study has very many models).
+    /// If the changes together make the model invalid. (Only in a study with very many changed models, of which not all
+    /// are checked when it is loaded.)
     pub fn model_of(&self, job: &Job) -> std::result::Result<Model, Complaint> {
         changed_model(&self.model_table, &job.changes, job.settings.girdle)
     }
 
-    /// Ids of jobs with the same solution as `job`, which differ in `regularity` and `trajectories` only, with their
-    /// `regularity`. None for a job that starts from another one's solution.
+    /// `regularity` and id of each job that has the same solution as `job`, since it differs only in `regularity` and
+    /// `trajectories`. Empty for a job that starts from another job's solution.
     pub fn same_solution(&self, job: &Job) -> Vec<(RegularityMode, String)> {
         if job.warm_start_from.is_some() {
             return Vec::new();
@@ -149,12 +150,12 @@ impl Study {
         plan::same_solution(&job.settings, &job.changes, &self.model_hash, &self.motion_hash)
     }
 
-    /// The number of the model file at a path.
+    /// The number at a path of the model file.
     pub fn model_number(&self, path: &str) -> Option<f64> {
         change::number_at(&self.model_table, path)
     }
 
-    /// Hash of everything that decides the results.
+    /// Hash of everything that determines the results.
     pub fn hash(&self) -> String {
         let mut hasher = blake3::Hasher::new();
         self.jobs.iter().for_each(|job| {
@@ -163,7 +164,7 @@ impl Study {
         hasher.finalize().to_hex()[..16].to_owned()
     }
 
-    /// The jobs in the pieces that are worked on by one thread: alone, or those that start from one another.
+    /// The jobs in blocks for one thread each: single jobs, or jobs that start from one another.
     pub fn blocks(&self) -> Vec<&[Job]> {
         self.jobs.chunk_by(|_, next| next.warm_start_from.is_some()).collect()
     }
@@ -173,15 +174,15 @@ fn check_name(name: &str) -> std::result::Result<(), Issue> {
     let fits = name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c));
     if !fits || name.starts_with('.') || names::flaw(name).is_some() {
         let help =
-            "the name becomes a folder: letters, digits, - _ and . only, at most 200, none of - and . at the beginning";
+            "the name becomes a folder: use at most 200 letters, digits, -, _ and ., and do not begin with - or .";
         return Err(Issue::new(&["name"], format!("found \"{}\"", names::shown(name)), help));
     }
     Ok(())
 }
 
-/// The declared ratios with their muscles by name.
+/// The declared ratios, with wildcards replaced by the names of the muscles.
 fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, Issue> {
-    // Which muscles act on something may differ between jobs: any of the file's may be named.
+    // Which muscles take part may differ between jobs, so any muscle of the file may be named.
     let names: Vec<&str> = match model.spatial() {
         Some(spatial) => spatial.skeleton.muscles.iter().map(|muscle| muscle.name.as_str()).collect(),
         None => model.muscles.iter().map(|muscle| muscle.name.as_str()).collect(),
@@ -208,8 +209,8 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
         if found.is_empty() {
             return Err(Issue::new(
                 &["ratio", &index.to_string(), key],
-                "no muscle",
-                "name a muscle or a list of them",
+                "the list of muscles is empty",
+                "name a muscle or a list of muscles",
             ));
         }
         Ok(OneOrMany(found))
@@ -217,17 +218,17 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
     let mut resolved: Vec<Ratio> = Vec::new();
     for (index, ratio) in declared.iter().enumerate() {
         if resolved.iter().any(|other| other.name == ratio.name) {
-            let help = "give each ratio a name of its own";
+            let help = "give each ratio a different name";
             return Err(Issue::new(
                 &["ratio", &index.to_string(), "name"],
-                format!("`{}` is there twice", ratio.name),
+                format!("`{}` is declared twice", ratio.name),
                 help,
             ));
         }
         named(&["ratio", &index.to_string(), "name"], &ratio.name)?;
         if ratio.measure.0.is_empty() {
-            let help = "leave it out for mean_force, or name one: mean_force, peak_force, impulse, activation";
-            return Err(Issue::new(&["ratio", &index.to_string(), "measure"], "no measure", help));
+            let help = "remove the key for mean_force, or name one: mean_force, peak_force, impulse, activation";
+            return Err(Issue::new(&["ratio", &index.to_string(), "measure"], "the list of measures is empty", help));
         }
         resolved.push(Ratio {
             name: ratio.name.clone(),
@@ -239,7 +240,7 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
     Ok(resolved)
 }
 
-/// The model file's table and the checked model, planar or spatial.
+/// Loads a model file, planar or spatial: its table and the checked model.
 ///
 /// # Errors
 /// The first mistake, with its place.
@@ -253,7 +254,7 @@ pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
     Ok((table, Model::of_skeleton(Arc::new(skeleton), crate::skeleton::Girdle::Prescribed)))
 }
 
-/// A spatial model from a model file or an OpenSim model, and its table.
+/// Loads a spatial model from a model file or an OpenSim model: its table and the checked model.
 ///
 /// # Errors
 /// The first mistake, with its place.
@@ -267,13 +268,14 @@ pub fn load_skeleton(file: &SourceFile) -> Result<(toml::Table, Skeleton)> {
     Ok((toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?, skeleton))
 }
 
-/// An issue with a spatial model, at its place in the model file or the OpenSim model.
+/// Locates an issue of a spatial model in the model file or the OpenSim model.
 fn error_of(file: &SourceFile, issue: &Issue) -> Error {
     if opensim::is_one(file) { opensim::error(file, issue) } else { issue.in_file(file) }
 }
 
-/// Every joint coordinate must be measured, unless loops leave some of them to the others. In space those of bodies that move by forces
-/// must be; the others stay at their default.
+/// Refuses a motion without a column for each joint coordinate that must be measured. In a planar model these are all
+/// of them, unless it has loops, where some follow from others. In a spatial model they are those of bodies that move
+/// by forces, except locked and dependent coordinates; all others stay at their defaults.
 fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Result<()> {
     let needed: Vec<&str> = match &model.mechanics {
         Mechanics::Planar(planar) if planar.joints.len() > planar.bodies.len() => return Ok(()),
@@ -293,31 +295,31 @@ fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Res
         None,
         format!("{}: no column for {}", file.path.display(), missing.join(", ")),
         "",
-        Some(format!("the model `{}` needs each of its joint coordinates over time", model.name)),
+        Some(format!("the model `{}` needs a column for each of these joint coordinates", model.name)),
     ))
 }
 
-/// Instants of a motion at which a planar model's joints are closed to see whether it can make the motion.
-const LOOKED_AT: usize = 101;
+/// Number of instants at which the joints of a planar model are closed, to check that it can perform the motion.
+const CLOSURE_CHECKS: usize = 101;
 
-/// A motion further than this from holding two points together leaves the model's constraints, m.
+/// Largest distance (m) that a motion may leave between two points that the model holds together.
 const LARGEST_GAP: f64 = 5e-3;
 
-/// The motion must keep points together that the model holds together, but for what measuring errors explain.
+/// Refuses a motion that separates points that the model holds together, by more than measurement errors explain.
 fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file: &SourceFile) -> Result<()> {
-    // As the file says: the study's changes of single coordinates are its own affair.
+    // The motion as in the file, without the study's changes to single coordinates.
     let plain = Settings { motion: Vec::new(), time_scale: 1.0, noise_sd: 0.0, ..base.clone() };
     let plain = crate::solve::motion_settings(&plain);
     let Some(spatial) = model.spatial() else {
         let plain = MotionSettings { measurement_ratio: 1, ..plain };
-        let instants = motion.time.len().min(LOOKED_AT);
+        let instants = motion.time.len().min(CLOSURE_CHECKS);
         return match plain.measure(motion, model, instants, Deadline::default()) {
             Err(moved @ Unmeasured::Moved { .. }) => {
                 let help =
-                    "give only as many coordinates as the loop leaves free, or values that close it (to 2° or 5 mm)";
+                    "give only the coordinates that the loop leaves free, or values that close it (to 2° or 5 mm)";
                 Err(file.error(None, format!("{}: {moved}", file.path.display()), "", Some(help.to_owned())))
             }
-            // Joints that stay open may be closed by a change of the model: each job says so itself.
+            // Joints that do not close here may close in the changed models; each job reports its own.
             _ => Ok(()),
         };
     };
@@ -327,7 +329,7 @@ fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file:
             continue;
         };
         let help = format!(
-            "change the coordinates of the two bodies so that their points meet (to {} mm); the solver holds them together",
+            "change the coordinates of the two bodies so that the points meet (to {} mm); the model joins them",
             1e3 * LARGEST_GAP
         );
         return Err(file.error(
@@ -340,7 +342,7 @@ fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file:
     Ok(())
 }
 
-/// Hash of a table's content, not of its layout or comments.
+/// Hash of a table's content, independent of its layout and comments.
 fn canonical_hash(table: &toml::Table) -> String {
     let mut value = serde_json::to_value(table).expect("a TOML table is plain data");
     value.sort_all_objects();

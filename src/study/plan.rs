@@ -1,4 +1,5 @@
-//! The jobs of a study: base and sweeps resolved into settings and changes of the model, each job once and with its identity.
+//! The jobs of a study: resolves base and sweeps into settings and model changes, identifies each job, and drops
+//! repetitions.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -16,7 +17,7 @@ use crate::error::{Issue, Mistakes};
 use crate::model::Model;
 use crate::motion::{HIGHEST_CUTOFF, MotionTable};
 
-/// What a job's id is the hash of.
+/// Everything that determines a job's result. The job's id is its hash.
 #[derive(Serialize)]
 struct Identity<'a> {
     schema: u32,
@@ -27,8 +28,8 @@ struct Identity<'a> {
     warm_start_from: Option<&'a str>,
 }
 
-/// Ids of the jobs that differ from one in `regularity` and `trajectories` only, which do not change the solution; with
-/// their `regularity`. `settings` and `changes` are those of a job that starts from no other.
+/// `regularity` and id of each job that differs from a given one only in `regularity` and `trajectories`, which do not
+/// affect the solution. `settings` and `changes` are those of the given job, which must not start from another one.
 pub fn same_solution(
     settings: &Settings,
     changes: &[ModelChange],
@@ -61,33 +62,34 @@ impl Identity<'_> {
     }
 }
 
-/// The default of `stages` for spatial models, which take much longer with more.
+/// Default of `stages` for spatial models, which take much longer with more stages.
 const SPATIAL_STAGES: usize = 1;
 
-/// A value set for a number of the model may be up to this many times larger or smaller than the model's own.
-const FAR: f64 = 10.0;
+/// Unless confirmed, a value set for a number of the model may be at most this many times larger or smaller than the
+/// model's own.
+const MAX_RATIO: f64 = 10.0;
 
-/// Most jobs that start from one another in a row: such a block is one piece of work.
-const BLOCK: usize = 16;
+/// Largest number of consecutive jobs that start from one another. One thread solves such a block.
+const MAX_BLOCK: usize = 16;
 
-/// Changed models are checked before a run up to this many, spread over the study; others when their job is set up, where
-/// a model that is none makes the job `invalid`.
+/// Largest number of changed models to check before a run, spread over the study. The others are checked when their job
+/// is set up, where an invalid model makes the job `invalid`.
 const CHECKED_MODELS: usize = 2000;
 
-/// The base and the expanded sweeps, before they are jobs.
+/// The base and the expanded sweeps, from which the jobs are made.
 pub struct Plan<'m> {
     pub base: Settings,
     base_changes: Vec<ModelChange>,
     pub sweeps: Vec<Expansion>,
-    /// Everything swept, with its first place in the file.
+    /// The swept names, each with its first place in the file.
     pub axes: IndexMap<Arc<str>, Place>,
-    /// The paths that each name of the model's numbers stands for.
+    /// The paths that each name of model numbers stands for.
     paths: HashMap<Arc<str>, Vec<String>>,
-    /// The model's joint coordinates, with whether each is an angle.
+    /// The model's joint coordinates, each with whether it is an angle.
     coordinates: Vec<(String, bool)>,
-    /// Those that no change of the motion moves, with why.
+    /// The coordinates that changes of the motion do not affect, each with the reason.
     unmoved: Vec<(String, &'static str)>,
-    /// Names whose values may be far from the model's.
+    /// Names whose values may differ greatly from the model's.
     confirmed: &'m [String],
     model_table: &'m toml::Table,
 }
@@ -133,12 +135,12 @@ impl<'m> Plan<'m> {
         let sweeps: &[Sweep] = if file.sweep.0.is_empty() { &single } else { &file.sweep.0 };
         size::check(sweeps).map_err(|issue| vec![issue])?;
         for (i, sweep) in sweeps.iter().enumerate() {
-            // A table is [sweep], several are [[sweep]]; a path through the one has no index.
+            // Several sweeps are a list, [[sweep]]; a single one is a table, [sweep], and its path has no index.
             let place =
                 if sweeps.len() == 1 { vec!["sweep".to_owned()] } else { vec!["sweep".to_owned(), i.to_string()] };
             let value = |point: &Point, name: &str| plan.value_at(point, name);
             let check = |name: &str, value: &Value| match is_model_path(name) || name == sweep::SAMPLE {
-                true if value.number().is_none() => Err(Complaint::new(format!("found {value}"), "it is a number")),
+                true if value.number().is_none() => Err(Complaint::new(format!("found {value}"), "give a number")),
                 true => Ok(()),
                 false => Settings::default().set(name, value, &plan.coordinates),
             };
@@ -146,7 +148,7 @@ impl<'m> Plan<'m> {
             let Some(expansion) = mistakes.take(sweep::expand(sweep, &place, &context)) else { continue };
             for (name, place) in &expansion.axes {
                 if **name != *sweep::SAMPLE {
-                    mistakes.take(plan.learn(name).map_err(|c| complaint_at(place.clone(), c)));
+                    mistakes.take(plan.resolve(name).map_err(|c| complaint_at(place.clone(), c)));
                 }
                 plan.axes.entry(Arc::clone(name)).or_insert(place.clone());
             }
@@ -160,17 +162,17 @@ impl<'m> Plan<'m> {
     fn set_base(&mut self, name: &str, value: Option<Value>) -> std::result::Result<(), Issue> {
         let place = || vec!["base".to_owned(), name.to_owned()];
         let value = value.ok_or_else(|| {
-            let help = "[base] holds single values; lists go in [sweep.grid]";
+            let help = "[base] holds single values; lists belong in [sweep.grid]";
             sweep::issue(place(), "found a list or a table", help)
         })?;
-        self.learn(name).map_err(|c| complaint_at(place(), c))?;
+        self.resolve(name).map_err(|c| complaint_at(place(), c))?;
         let (mut base, mut changes) = (self.base.clone(), self.base_changes.clone());
         self.assign(&mut base, &mut changes, name, &value).map_err(|c| complaint_at(place(), c))?;
         (self.base, self.base_changes) = (base, changes);
         Ok(())
     }
 
-    /// Refuses two names for one thing in the base, and names that are confirmed and lead to no number of the model.
+    /// Refuses a base in which two names set the same thing, and confirmed names that lead to no number of the model.
     fn check_base(&self, base: &[(String, Option<Value>)]) -> std::result::Result<(), Issue> {
         let mut owners = Owners::default();
         for (name, _) in base {
@@ -184,21 +186,21 @@ impl<'m> Plan<'m> {
         for (i, name) in self.confirmed.iter().enumerate() {
             let found = change::matching(self.model_table, name).unwrap_or_default();
             if !found.iter().any(|path| change::number_at(self.model_table, path).is_some()) {
-                let help = "names are those of numbers that the study sets, such as muscle.triceps.tendon_slack_length";
-                let message = format!("`{name}` is no number of the model");
+                let help = "give the names of numbers that the study sets, such as muscle.triceps.tendon_slack_length";
+                let message = format!("`{name}` is not a number of the model");
                 return Err(sweep::issue(vec!["confirm".to_owned(), i.to_string()], message, help));
             }
         }
         Ok(())
     }
 
-    /// Whether two names are a number and its factor, which [`Plan::check_overlaps`] has its own words for.
+    /// Whether two names are a number and its factor, which [`Plan::check_overlaps`] reports with a message of its own.
     fn is_pair(&self, name: &str, other: &str) -> bool {
         is_model_path(name) && name.trim_end_matches("_scale") == other.trim_end_matches("_scale")
     }
 
-    /// Finds what a name stands for, and that it stands for something.
-    fn learn(&mut self, name: &str) -> std::result::Result<(), Complaint> {
+    /// Finds the paths that a name stands for, and checks that they exist.
+    fn resolve(&mut self, name: &str) -> std::result::Result<(), Complaint> {
         if is_model_path(name) && !self.paths.contains_key(name) {
             let paths = change::matching(self.model_table, name)?;
             for path in &paths {
@@ -209,6 +211,7 @@ impl<'m> Plan<'m> {
         Ok(())
     }
 
+    /// Sets a name to a value, in the settings or as changes of the model.
     fn assign(
         &self,
         settings: &mut Settings,
@@ -222,19 +225,19 @@ impl<'m> Plan<'m> {
         };
         for path in paths {
             self.check_size(name, path, value)?;
-            // A swept value replaces the fixed one; a change that changes nothing is none, so that a job has one identity.
+            // A swept value replaces the fixed one. Changes without effect are dropped: equal jobs have equal ids.
             let change = ModelChange::new(path, value)?;
             changes.retain(|other| other.path != change.path);
             if !change.is_idle(self.model_table) {
                 changes.push(change);
             }
         }
-        // A factor applies to whatever value is set.
+        // Factors come last, so that they apply to the values that are set.
         changes.sort_by(|a, b| (a.is_factor(), &a.path).cmp(&(b.is_factor(), &b.path)));
         Ok(())
     }
 
-    /// Refuses a change of the motion of a coordinate that the study does not move.
+    /// Refuses a change of the motion that would not move its coordinate.
     fn check_moves(&self, name: &str) -> std::result::Result<(), Complaint> {
         let change = name.strip_prefix("motion.").unwrap_or("");
         let of = |(coordinate, _): &&(String, &str)| {
@@ -245,17 +248,17 @@ impl<'m> Plan<'m> {
         match self.unmoved.iter().find(of) {
             None => Ok(()),
             Some((coordinate, why)) => {
-                let help = "all jobs would be the same: remove the key, or unlock the coordinate in the model";
+                let help = "the key would have no effect: remove it, or unlock the coordinate in the model";
                 Err(Complaint::new(format!("`{coordinate}` {why}"), help))
             }
         }
     }
 
-    /// Refuses a value far from the model's own that the study does not confirm.
+    /// Refuses a value that differs greatly from the model's own, unless the study confirms it.
     fn check_size(&self, name: &str, path: &str, value: &Value) -> std::result::Result<(), Complaint> {
         let (Some(own), Some(new)) = (change::number_at(self.model_table, path), value.number()) else { return Ok(()) };
-        // 0 is meant.
-        let is_far = own != 0.0 && new != 0.0 && !(own.abs() / FAR..=own.abs() * FAR).contains(&new.abs());
+        // A value of 0 is taken to be intended.
+        let is_far = own != 0.0 && new != 0.0 && !(own.abs() / MAX_RATIO..=own.abs() * MAX_RATIO).contains(&new.abs());
         if path.ends_with("_scale") || !is_far || self.confirmed.iter().any(|known| known == name || known == path) {
             return Ok(());
         }
@@ -263,12 +266,13 @@ impl<'m> Plan<'m> {
         let times = if times.abs() < 1e-2 { format!("{times:.1e}") } else { format!("{times:.3}") };
         let message = format!("{new} is {times} times the model's own value, {own}");
         let help = format!(
-            "is `{path}_scale` meant, or is the unit another one? If the value is right, say so: confirm = [\"{name}\"] at the top of the study"
+            "did you mean `{path}_scale`, or another unit? If the value is correct, put confirm = [\"{name}\"] at the \
+             top of the study"
         );
         Err(Complaint::new(message, help))
     }
 
-    /// What a job at a point has under a name, for conditions.
+    /// The value of a name for a job at a point, for conditions.
     fn value_at(&self, point: &Point, name: &str) -> Option<Value> {
         if let Some((_, value)) = point.iter().find(|(own, _)| **own == *name) {
             return Some(value.clone());
@@ -286,15 +290,11 @@ impl<'m> Plan<'m> {
         covered.or_else(|| self.value(name, &self.base, &self.base_changes))
     }
 
-    /// Refuses axes that would set the same thing in one job.
+    /// Refuses axes that would set the same thing twice in one job.
     fn check_overlaps(&self) -> std::result::Result<(), Issue> {
         if let Some(base) = self.other_way(self.base_changes.iter().map(|change| &change.path)) {
-            let message = format!("`{base}` is there, and the same number in another way: absolute and by a factor");
-            return Err(sweep::issue(
-                vec!["base".to_owned(), base.to_owned()],
-                message,
-                "say it in one of the two ways",
-            ));
+            let message = format!("[base] sets the number of `{base}` twice: as a value and by a factor");
+            return Err(sweep::issue(vec!["base".to_owned(), base.to_owned()], message, "keep one of the two"));
         }
         let mut seen: HashSet<Vec<&str>> = HashSet::new();
         for point in self.sweeps.iter().flat_map(|sweep| &sweep.points) {
@@ -306,13 +306,13 @@ impl<'m> Plan<'m> {
             for name in names {
                 if let Some(base) = self.other_way(self.paths.get(name).into_iter().flatten()) {
                     let message =
-                        format!("`{name}` is swept, and [base] sets `{base}`: one number, absolute and by a factor");
-                    return Err(sweep::issue(self.place(name), message, "say it in one of the two ways"));
+                        format!("`{name}` is swept, and [base] sets `{base}`: one number, as a value and by a factor");
+                    return Err(sweep::issue(self.place(name), message, "keep one of the two"));
                 }
                 for target in self.targets(name) {
                     if let Some(other) = owners.insert(&target, name) {
                         let message = format!("`{name}` and `{other}` both set {target}");
-                        let help = "a job has one value of each: sweep it under one name, or in two sweeps ([[sweep]])";
+                        let help = "a job has one value of it: sweep it under one name, or in two sweeps ([[sweep]])";
                         return Err(sweep::issue(self.place(name), message, help));
                     }
                 }
@@ -321,7 +321,8 @@ impl<'m> Plan<'m> {
         Ok(())
     }
 
-    /// What the base sets of one of these paths in the other way: by a factor, or absolute.
+    /// The change by which the base sets one of these numbers in the other way: by a factor if the path is a value, as
+    /// a value if it is a factor.
     fn other_way<'p>(&self, mut paths: impl Iterator<Item = &'p String>) -> Option<&str> {
         paths.find_map(|path| {
             let other = path.strip_suffix("_scale").map_or_else(|| format!("{path}_scale"), str::to_owned);
@@ -329,16 +330,16 @@ impl<'m> Plan<'m> {
         })
     }
 
-    /// What a swept name sets.
+    /// The things that a name sets.
     fn targets(&self, name: &str) -> Vec<String> {
         match self.paths.get(name) {
-            // A number has one value, set or scaled.
+            // A value and its factor set the same number.
             Some(paths) => paths.iter().map(|path| path.strip_suffix("_scale").unwrap_or(path).to_owned()).collect(),
             None => vec![name.trim_end_matches("_deg").trim_end_matches("_rad").to_owned()],
         }
     }
 
-    /// What settings and changes have under a name; `None` where the paths it stands for differ.
+    /// The value of a name in settings and changes; `None` if the paths it stands for have different values.
     fn value(&self, name: &str, settings: &Settings, changes: &[ModelChange]) -> Option<Value> {
         if !is_model_path(name) {
             return settings.get(name);
@@ -361,7 +362,7 @@ impl<'m> Plan<'m> {
         numbers.all(|number| number == Some(first)).then_some(Value::Number(first))
     }
 
-    /// The jobs in the order of the sweeps, each once.
+    /// The jobs in the order of the sweeps, without repetitions.
     pub fn jobs(
         &self,
         motion: &MotionTable,
@@ -373,7 +374,7 @@ impl<'m> Plan<'m> {
         for sweep in &self.sweeps {
             let (first, mut in_block) = (jobs.len(), 0);
             for point in &sweep.points {
-                let (settings, changes) = self.resolved(point)?;
+                let (settings, changes) = self.settings_at(point)?;
                 let points = settings.points(motion.duration()).map_err(|c| complaint_at(self.place("h"), c))?;
                 let swept: Vec<Option<Value>> = (self.axes.keys())
                     .map(|axis| {
@@ -401,7 +402,7 @@ impl<'m> Plan<'m> {
                         before.swept[axis] == swept[axis]
                     };
                     settings.warm_start == WarmStart::Neighbour
-                        && in_block < BLOCK
+                        && in_block < MAX_BLOCK
                         && sweep.axes.iter().take(others).all(alike)
                 });
                 let warm_start_from = before.map(|job| job.id.clone());
@@ -415,8 +416,8 @@ impl<'m> Plan<'m> {
         Ok(jobs)
     }
 
-    /// The base with a point of a sweep set.
-    fn resolved(&self, point: &Point) -> std::result::Result<(Settings, Vec<ModelChange>), Issue> {
+    /// Settings and model changes at a point: those of the base, with the point's values set.
+    fn settings_at(&self, point: &Point) -> std::result::Result<(Settings, Vec<ModelChange>), Issue> {
         let (mut settings, mut changes) = (self.base.clone(), self.base_changes.clone());
         for (name, value) in point.iter().filter(|(name, _)| **name != *sweep::SAMPLE) {
             self.assign(&mut settings, &mut changes, name, value).map_err(|c| complaint_at(self.place(name), c))?;
@@ -439,19 +440,20 @@ impl<'m> Plan<'m> {
         Ok(())
     }
 
-    /// A filter can only take away what the motion's sampling has.
+    /// Refuses a filter whose cut-off frequency is too high for the sampling of the motion.
     pub fn check_smoothing(&self, motion: &MotionTable, jobs: &[Job]) -> std::result::Result<(), Issue> {
         let rounded = |hz: f64| (1e3 * hz).round() / 1e3;
         let rate = rounded((motion.time.len() - 1) as f64 / motion.duration());
         let highest = rounded(HIGHEST_CUTOFF * rate);
         let Some(job) = jobs.iter().find(|job| job.settings.smoothing_hz > highest) else { return Ok(()) };
-        let message = format!("{} Hz, and the motion has {rate} instants a second", job.settings.smoothing_hz);
-        let help =
-            format!("a cut-off is at most {HIGHEST_CUTOFF} of that ({highest} Hz); 0 leaves the motion as it is");
+        let message = format!("{} Hz, but the motion has {rate} instants per second", job.settings.smoothing_hz);
+        let help = format!(
+            "the cut-off may be at most {HIGHEST_CUTOFF} times that ({highest} Hz); 0 leaves the motion unfiltered"
+        );
         Err(complaint_at(self.place("smoothing_hz"), Complaint::new(message, help)))
     }
 
-    /// A girdle is only that of spatial models.
+    /// Refuses the setting `girdle` for planar models.
     pub fn check_girdle(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
         let spatial = model.spatial().is_some();
         for job in jobs {
@@ -471,7 +473,7 @@ impl<'m> Plan<'m> {
         swept.map_or_else(|| vec!["base".to_owned(), name.to_owned()], |(_, place)| place.clone())
     }
 
-    /// The path of the first change without which the ones before it still make a model.
+    /// The path of the first change that makes the model invalid.
     fn culprit(&self, changes: &[ModelChange]) -> String {
         let first =
             (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n], self.base.girdle).is_err());
@@ -479,16 +481,17 @@ impl<'m> Plan<'m> {
     }
 }
 
-/// Which name sets a number, or numbers within a list.
+/// Which name sets which target: a number, or a list of numbers.
 #[derive(Default)]
 struct Owners<'n> {
     targets: HashMap<String, &'n str>,
-    /// What targets are within.
+    /// Everything that contains a target.
     outer: HashMap<String, &'n str>,
 }
 
 impl<'n> Owners<'n> {
-    /// Notes that a name sets a target; another that sets it, something within it, or what it is within.
+    /// Records that a name sets a target. Returns another name that sets it, a part of it, or something that contains
+    /// it.
     fn insert(&mut self, target: &str, name: &'n str) -> Option<&'n str> {
         let outer = || target.match_indices('.').map(|(end, _)| &target[..end]);
         let other = self.outer.get(target).or_else(|| outer().find_map(|outer| self.targets.get(outer))).copied();
@@ -499,7 +502,8 @@ impl<'n> Owners<'n> {
     }
 }
 
-/// `a.b.c = v`, written as tables or as a quoted key, becomes ("a.b.c", v). `None`: neither number, text nor flag.
+/// `a.b.c = v`, written as tables or as a quoted key, becomes ("a.b.c", v); v is `None` if it is neither a number, a
+/// text nor a flag.
 fn flatten(table: &toml::Table) -> Vec<(String, Option<Value>)> {
     let mut flat = Vec::new();
     for (key, value) in table {

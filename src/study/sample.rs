@@ -1,4 +1,4 @@
-//! Seeded samples: of each parameter a value from a range or a list.
+//! Seeded samples: each draws a value of every parameter from a range or a list.
 
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -9,8 +9,8 @@ use super::settings::Value;
 use super::sweep::{Expansion, Place, Range, SAMPLE, at, check_name, issue, values};
 use crate::error::Issue;
 
-/// Most samples and parameters of the Sobol' sequence (its library's tables).
-const SOBOL: (usize, usize) = (1 << 16, 256);
+/// Largest numbers of samples and of parameters in a Sobol' sequence, set by the tables of the library.
+const SOBOL_LIMITS: (usize, usize) = (1 << 16, 256);
 
 /// The samples of a sweep, numbered in the column `sample`.
 ///
@@ -29,7 +29,7 @@ pub fn samples(sample: &Sample, place: &[String]) -> Result<Expansion, Issue> {
     }
     if draws.is_empty() {
         let help = "add a parameter such as mu = { from = 0.1, to = 1.0 }";
-        return Err(issue(place.to_vec(), "nothing is sampled", help));
+        return Err(issue(place.to_vec(), "no parameter is sampled", help));
     }
     let names: Vec<&str> = sample.draws.keys().map(String::as_str).collect();
     let shares = shares(sample, &names, place)?;
@@ -46,7 +46,8 @@ pub fn samples(sample: &Sample, place: &[String]) -> Result<Expansion, Issue> {
     })
 }
 
-/// For each parameter `count` numbers in [0, 1). They follow from its name and the seed: its place in the file does not matter.
+/// For each parameter, `count` numbers in [0, 1). They follow from the names and the seed; the order in the file does
+/// not matter.
 fn shares(sample: &Sample, names: &[&str], place: &[String]) -> Result<Vec<Vec<f64>>, Issue> {
     let (count, dimensions) = (sample.count, names.len());
     let mut shares = vec![vec![0.0; count]; dimensions];
@@ -67,16 +68,16 @@ fn shares(sample: &Sample, names: &[&str], place: &[String]) -> Result<Vec<Vec<f
             }
         }
         Method::Sobol => {
-            if count > SOBOL.0 || dimensions > SOBOL.1 {
+            if count > SOBOL_LIMITS.0 || dimensions > SOBOL_LIMITS.1 {
                 let message = format!("{count} samples of {dimensions} parameters");
                 let help = format!(
-                    "Sobol' points reach to {} samples of {} parameters; latin_hypercube has no such limit",
-                    SOBOL.0, SOBOL.1
+                    "Sobol' points are limited to {} samples of {} parameters; latin_hypercube has no such limit",
+                    SOBOL_LIMITS.0, SOBOL_LIMITS.1
                 );
                 return Err(issue(at(place, &["method"]), message, help));
             }
             let seed = (sample.seed ^ (sample.seed >> 32)) as u32;
-            // Dimensions of one sequence belong together; they are given out by the alphabet.
+            // The dimensions of one sequence belong together. Parameters get them in alphabetical order.
             let mut order: Vec<usize> = (0..dimensions).collect();
             order.sort_by_key(|&d| names[d]);
             for (dimension, d) in order.into_iter().enumerate() {
@@ -113,12 +114,12 @@ impl Draw {
             _ => Err(issue(
                 place.clone(),
                 "nothing to draw from",
-                "a sampled parameter is a range { from = …, to = … } (scale = \"log\" if you like) or a list of values",
+                "a sampled parameter is a range { from = …, to = … } (optionally scale = \"log\") or a list of values",
             )),
         }
     }
 
-    /// The value at a share from 0 to 1.
+    /// The value at a fraction from 0 to 1.
     fn at(&self, share: f64) -> Value {
         match self {
             Draw::Range(range) => Value::Number(range.share(share)),

@@ -1,43 +1,43 @@
-//! How many jobs a sweep makes, counted before any is made: a few lines of a study can ask for more than any memory holds.
+//! Counts the jobs of a study before any is made: a few lines can ask for more jobs than any memory holds.
 
 use super::file::Sweep;
 use super::sweep::issue;
 use crate::error::Issue;
 
-/// A study of more jobs than this is taken for a mistake.
-pub const MOST_JOBS: usize = 1_000_000;
-/// Values of all jobs together, of each axis one.
-const MOST_VALUES: usize = 4_000_000;
+/// Largest number of jobs. A study with more is taken to be a mistake.
+pub const MAX_JOBS: usize = 1_000_000;
+/// Largest number of values of all jobs together, one per job and axis.
+const MAX_VALUES: usize = 4_000_000;
 
-/// Refuses a study whose sweeps together have too many jobs, or too many values, before conditions leave any out.
+/// Refuses a study whose sweeps together have too many jobs or too many values, before conditions remove any.
 ///
 /// # Errors
-/// With the place of the sweeps.
+/// An [`Issue`] with the place of the sweeps.
 pub fn check(sweeps: &[Sweep]) -> Result<(), Issue> {
     let sizes: Vec<Size> = sweeps.iter().map(Size::of).collect();
     let total = |part: fn(&Size) -> usize| sizes.iter().map(part).fold(0, usize::saturating_add);
-    // A job keeps a value, or that there is none, of each axis of the study.
+    // Each job stores its value, or the lack of one, for every axis of the study.
     let jobs = total(|size| size.jobs);
     let values = jobs.saturating_mul(total(|size| size.axes));
-    let help = "fewer values an axis, or [sweep.sample] instead of every combination";
+    let help = "use fewer values per axis, or [sweep.sample] instead of every combination";
     let place = vec!["sweep".to_owned()];
-    if jobs > MOST_JOBS {
+    if jobs > MAX_JOBS {
         let jobs = if jobs == usize::MAX { "more than 10^19".to_owned() } else { jobs.to_string() };
         return Err(issue(
             place,
-            format!("the study has {jobs} jobs before conditions; {MOST_JOBS} are the most"),
+            format!("the study has {jobs} jobs before conditions; at most {MAX_JOBS} are allowed"),
             help,
         ));
     }
-    if values > MOST_VALUES {
+    if values > MAX_VALUES {
         let message =
-            format!("the study has {jobs} jobs with {values} swept values in all; {MOST_VALUES} are the most");
+            format!("the study has {jobs} jobs with {values} swept values in all; at most {MAX_VALUES} are allowed");
         return Err(issue(place, message, help));
     }
     Ok(())
 }
 
-/// Of a sweep.
+/// Size of a sweep.
 struct Size {
     jobs: usize,
     axes: usize,
@@ -73,7 +73,7 @@ impl Size {
     }
 }
 
-/// Values of an axis: a list, or a range with a count. What is neither is refused where it is read.
+/// Number of values of an axis: a list, or a range with a count. Anything else is refused where it is parsed.
 fn length(axis: &toml::Value) -> usize {
     match axis {
         toml::Value::Array(values) => values.len(),

@@ -1,4 +1,4 @@
-//! The three texts that a study is made of: from files, or from the manifest of a run.
+//! The three source texts of a study, read from files or from the manifest of a run.
 
 use std::path::Path;
 
@@ -15,32 +15,32 @@ pub struct Sources {
     pub motion: SourceFile,
 }
 
-/// The part of `manifest.json` that a study is made from again.
+/// The part of `manifest.json` from which a study can be made again.
 #[derive(Deserialize)]
-struct Kept {
+struct StoredSources {
     sources: Sources,
 }
 
 impl Sources {
-    /// Reads a study file and the files it names; or a manifest, or the results folder that it is in.
+    /// Reads a study file and the files it names, or the manifest of a results folder (or the folder).
     ///
     /// # Errors
-    /// What cannot be read, with its place.
+    /// If a file cannot be read or parsed, with the place.
     pub fn read(path: &Path) -> Result<(Self, StudyFile)> {
         let manifest = if path.is_dir() { path.join("manifest.json") } else { path.to_owned() };
         if manifest.extension().is_some_and(|e| e == "json") {
             let file = SourceFile::read(&manifest)?;
-            let kept: Kept = serde_json::from_str(&file.text).map_err(|e| {
-                let help = "a study (.toml), or the manifest.json of a results folder, is expected";
+            let stored: StoredSources = serde_json::from_str(&file.text).map_err(|e| {
+                let help = "give a study (.toml), or the manifest.json of a results folder";
                 file.error(
                     file.line_span(e.line()),
-                    format!("this is no manifest of Sinew: {e}"),
+                    format!("this is not a manifest of Sinew: {e}"),
                     "here",
                     Some(help.into()),
                 )
             })?;
-            let study = parse(&kept.sources.study)?;
-            return Ok((kept.sources, study));
+            let study = parse(&stored.sources.study)?;
+            return Ok((stored.sources, study));
         }
         let file = SourceFile::read(path)?;
         let study = parse(&file)?;
@@ -51,15 +51,15 @@ impl Sources {
     }
 }
 
-/// The study file of a text.
+/// Parses the text of a study file.
 ///
 /// # Errors
-/// If it is no TOML, or has keys or types that a study has not.
+/// If it is not valid TOML, or has keys or types that a study does not have.
 pub fn parse(file: &SourceFile) -> Result<StudyFile> {
     file.toml()
 }
 
-/// Reads a file that a study names; if it is not there the error points at the key.
+/// Reads a file that a study names. If it does not exist, the error points at the key.
 fn named(study: &SourceFile, key: &str, path: &Path) -> Result<SourceFile> {
     SourceFile::read(path).map_err(|error| match &error {
         Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound => {

@@ -1,13 +1,13 @@
 //! Axes of a study and their expansion: pure and deterministic.
 //!
 //! ```toml
-//! [sweep.grid]                                  # every combination; the first axis turns slowest
+//! [sweep.grid]                                  # every combination; the first axis varies slowest
 //! bounds = ["activation", "both"]
 //! mu = { from = 0.01, to = 1.0, count = 5, scale = "log" }
-//! [sweep.zip]                                   # side by side: all of one length
+//! [sweep.zip]                                   # axes that vary together, all of the same length
 //! h = [0.2, 0.1]
 //! max_iterations = [100, 200]
-//! [sweep.star]                                  # the base, and each value of each axis alone
+//! [sweep.star]                                  # the base, and each value of each axis on its own
 //! "muscle.triceps.tendon_slack_length_scale" = [0.95, 1.05]
 //! [[sweep.list]]                                # explicit jobs
 //! mu = 0.3
@@ -15,13 +15,13 @@
 //! count = 100
 //! seed = 7
 //! "body.forearm.mass" = { from = 1.0, to = 2.0 }
-//! [sweep.group.speed.zip]                       # a sweep of its own, multiplied with the rest
-//! [[sweep.exclude]]                             # leave out what matches all of this; [[sweep.when]] keeps only that
+//! [sweep.group.speed.zip]                       # a named sweep, multiplied with the rest
+//! [[sweep.exclude]]                             # omit jobs that match all keys; [[sweep.when]] keeps only those
 //! bounds = "both"
 //! mu = { from = 0.5 }
 //! ```
 //!
-//! Where several are given they multiply; samples turn slowest, then groups, list, grid, star and zip.
+//! Several kinds multiply. Samples vary slowest, then groups, list, grid, star and zip.
 
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ use indexmap::IndexMap;
 use super::file::{Sweep, shown};
 use super::sample::samples;
 use super::settings::{Complaint, Value};
-use super::size::MOST_JOBS;
+use super::size::MAX_JOBS;
 use crate::error::Issue;
 
 /// What a sweep sets for one job.
@@ -39,16 +39,17 @@ pub type Point = Vec<(Arc<str>, Value)>;
 /// Name of the column that numbers the samples.
 pub const SAMPLE: &str = "sample";
 
-/// Where in the study file something is: keys from the top.
+/// A place in the study file: the keys from the top.
 pub type Place = Vec<String>;
 
-/// A sweep's jobs, and where each swept name stands in the file.
+/// The points of a sweep, one per job, and the place of each swept name in the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expansion {
     pub points: Vec<Point>,
     pub axes: IndexMap<Arc<str>, Place>,
 }
 
+/// A place within another one.
 pub fn at(place: &[String], keys: &[&str]) -> Place {
     place.iter().cloned().chain(keys.iter().map(|key| (*key).to_owned())).collect()
 }
@@ -57,18 +58,18 @@ pub fn issue(path: Place, message: impl Into<String>, help: impl Into<String>) -
     Issue { path, message: message.into(), help: Some(help.into()) }
 }
 
-/// What conditions ask of the study around the sweep.
+/// What conditions need from the study around the sweep.
 pub struct Context<'c> {
-    /// What a job at this point has under a name: by the point, a wildcard in it, or the base.
+    /// The value of a name for a job at a point: from the point, a wildcard in it, or the base.
     pub value: &'c dyn Fn(&Point, &str) -> Option<Value>,
-    /// Whether a name may have this value.
+    /// Checks that a name may have a value.
     pub check: &'c dyn Fn(&str, &Value) -> Result<(), Complaint>,
 }
 
 /// Expands a sweep; an empty one is a single job.
 ///
 /// # Errors
-/// An [`Issue`] with the place of the axis at fault.
+/// An [`Issue`] with the place of the faulty axis.
 pub fn expand(sweep: &Sweep, place: &[String], context: &Context<'_>) -> Result<Expansion, Issue> {
     let mut whole = Expansion { points: vec![Vec::new()], axes: IndexMap::new() };
     if let Some(sample) = &sweep.sample {
@@ -98,7 +99,7 @@ pub fn expand(sweep: &Sweep, place: &[String], context: &Context<'_>) -> Result<
         };
         if let Some(key) = own.iter().find(outside) {
             let message = format!("a condition on `{key}`, which is swept outside the group");
-            let help = "put it beside the groups, as [[sweep.when]] or [[sweep.exclude]]";
+            let help = "move the condition out of the group, to [[sweep.when]] or [[sweep.exclude]]";
             return Err(issue(at(place, &["group", name]), message, help));
         }
     }
@@ -111,9 +112,9 @@ pub fn expand(sweep: &Sweep, place: &[String], context: &Context<'_>) -> Result<
             .collect::<Result<Vec<_>, _>>()?;
         whole.points.retain(|point| patterns.iter().any(|p| p.iter().all(|test| test.holds(point, context))) == keep);
         if whole.points.is_empty() {
-            let help = "remove a condition, or widen it: `when` keeps what matches all keys of one of its tables, \
-                        `exclude` leaves that out";
-            return Err(issue(at(place, &[key]), "the conditions leave no job", help));
+            let help = "remove a condition, or widen it: `when` keeps jobs that match all keys of one of its tables, \
+                        `exclude` omits them";
+            return Err(issue(at(place, &[key]), "the conditions leave no jobs", help));
         }
     }
     Ok(whole)
@@ -157,8 +158,8 @@ fn axes(table: &toml::Table, place: &[String]) -> Result<Vec<Axis>, Issue> {
     if table.is_empty() {
         return Err(issue(
             place.to_vec(),
-            "the sweep has no axis",
-            "add an axis such as mu = [0.1, 0.2], or remove it",
+            "the sweep has no axes",
+            "add an axis such as mu = [0.1, 0.2], or remove the sweep",
         ));
     }
     table
@@ -170,13 +171,13 @@ fn axes(table: &toml::Table, place: &[String]) -> Result<Vec<Axis>, Issue> {
         .collect()
 }
 
-/// Refuses a value that an axis has twice.
+/// Refuses an axis with a repeated value.
 fn distinct(axes: Vec<Axis>) -> Result<Vec<Axis>, Issue> {
     for axis in &axes {
         let mut seen = std::collections::HashSet::new();
         if let Some(value) = axis.values.iter().find(|value| !seen.insert(value.to_string())) {
-            let help = "remove the repeated value of the axis";
-            return Err(issue(axis.place.clone(), format!("{value} is there twice"), help));
+            let help = "remove the repeated value";
+            return Err(issue(axis.place.clone(), format!("{value} occurs twice"), help));
         }
     }
     Ok(axes)
@@ -187,8 +188,8 @@ fn zip(axes: Vec<Axis>) -> Result<Expansion, Issue> {
     if let Some(axis) = axes.iter().find(|axis| axis.values.len() != length) {
         return Err(issue(
             axis.place.clone(),
-            format!("{} values beside {length} of `{first}`", axis.values.len()),
-            "axes of a zip go side by side: give all the same length, or use [sweep.grid]",
+            format!("found {} values, but `{first}` has {length}", axis.values.len()),
+            "the axes of a zip vary together: give all of them the same length, or use [sweep.grid]",
         ));
     }
     let points =
@@ -216,7 +217,7 @@ fn list(jobs: &[toml::Table], place: &[String]) -> Result<Expansion, Issue> {
                 issue(
                     place.clone(),
                     format!("found {spec}"),
-                    "a job of a list has single values; lists go in [sweep.grid]",
+                    "an entry of a list holds single values; lists of values belong in [sweep.grid]",
                 )
             })?;
             let name: Arc<str> = name.as_str().into();
@@ -224,7 +225,7 @@ fn list(jobs: &[toml::Table], place: &[String]) -> Result<Expansion, Issue> {
             point.push((name, value));
         }
         if let Some(other) = whole.points.iter().position(|other| *other == point) {
-            let message = format!("entries {other} and {i} of the list are the same");
+            let message = format!("entries {other} and {i} of the list are identical");
             return Err(issue(at(place, &[&i.to_string()]), message, "remove one of them"));
         }
         whole.points.push(point);
@@ -232,14 +233,16 @@ fn list(jobs: &[toml::Table], place: &[String]) -> Result<Expansion, Issue> {
     Ok(whole)
 }
 
+/// Refuses a name that cannot be swept.
 pub fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
     if name == SAMPLE {
-        return Err(issue(place.to_vec(), "`sample` numbers the samples", "use [sweep.sample] with count and seed"));
+        let message = "the column `sample` numbers the samples";
+        return Err(issue(place.to_vec(), message, "use [sweep.sample] with count and seed"));
     }
     check_quoted(name, spec, place)
 }
 
-/// Refuses `muscle.triceps.… =` without quotes, which is a table of tables.
+/// Refuses `muscle.triceps.… =` without quotes, which TOML reads as nested tables.
 fn check_quoted(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
     if let (toml::Value::Table(inner), true) = (spec, super::change::GROUPS.contains(&name) || name == "motion") {
         let first = inner.keys().next().map_or("…", String::as_str);
@@ -258,13 +261,13 @@ pub fn values(name: &str, spec: &toml::Value, place: &[String]) -> Result<Vec<Va
     check_name(name, spec, place)?;
     match spec {
         toml::Value::Array(items) if items.is_empty() => {
-            Err(fail("the axis has no value".into(), "give at least one value, or remove the axis"))
+            Err(fail("the axis has no values".into(), "give at least one value, or remove the axis"))
         }
         toml::Value::Array(items) => items
             .iter()
             .map(|item| {
                 Value::of(item).ok_or_else(|| {
-                    fail(format!("found {item}"), "an axis is a list of numbers, texts, or true and false")
+                    fail(format!("found {item}"), "an axis is a list of numbers, texts, or true/false values")
                 })
             })
             .collect(),
@@ -274,26 +277,27 @@ pub fn values(name: &str, spec: &toml::Value, place: &[String]) -> Result<Vec<Va
                     return Err(issue(
                         at(place, &[key]),
                         format!("unknown key `{key}`"),
-                        "a range has from, to, count, and scale = \"linear\" or \"log\"",
+                        "a range has the keys from, to, count, and scale (\"linear\" or \"log\")",
                     ));
                 }
             }
             let range = Range::new(table, place)?;
             let count = range.count.ok_or_else(|| {
                 let found = table.get("count").map_or("no `count`".to_owned(), |found| format!("count = {found}"));
-                let help = format!("a range says how many values, such as count = 5, from 1 to {MOST_JOBS}");
+                let help = format!("give the number of values, from 1 to {MAX_JOBS}, such as count = 5");
                 issue(place.to_vec(), format!("the range has {found}"), help)
             })?;
             Ok((0..count).map(|i| range.value(i, count)).collect())
         }
         other => Err(fail(
             format!("found the single value {}", shown(other)),
-            "an axis is a list such as [0.1, 0.2] or a range { from = …, to = …, count = … }; fixed values belong in [base]",
+            "an axis is a list such as [0.1, 0.2] or a range { from = …, to = …, count = … }; fixed values belong in \
+             [base]",
         )),
     }
 }
 
-/// `{ from = …, to = … }`, with `count` and `scale` where they have a meaning.
+/// `{ from = …, to = … }`, with `count` and `scale` where they apply.
 #[derive(Clone, Debug)]
 pub struct Range {
     from: f64,
@@ -317,16 +321,16 @@ impl Range {
             Some(Some("log")) if from > 0.0 && to > 0.0 => true,
             Some(Some("log")) => {
                 let message = format!("a log range from {from} to {to}");
-                return Err(issue(at(place, &["scale"]), message, "both ends must be above 0"));
+                return Err(issue(at(place, &["scale"]), message, "both ends must be greater than 0"));
             }
             _ => return Err(issue(at(place, &["scale"]), "unknown scale", "scale is \"linear\" or \"log\"")),
         };
         let whole = !log && ["from", "to"].iter().all(|key| range.get(*key).is_some_and(toml::Value::is_integer));
-        let count = range.get("count").and_then(toml::Value::as_integer).filter(|c| (1..=MOST_JOBS as i64).contains(c));
+        let count = range.get("count").and_then(toml::Value::as_integer).filter(|c| (1..=MAX_JOBS as i64).contains(c));
         Ok(Self { from, to, log, whole, count: count.map(|c| c as usize) })
     }
 
-    /// The number at a share from 0 to 1.
+    /// The number at a fraction (from 0 to 1) of the range.
     pub fn share(&self, share: f64) -> f64 {
         match self.log {
             true => (self.from.ln() + share * (self.to.ln() - self.from.ln())).exp(),
@@ -334,26 +338,26 @@ impl Range {
         }
     }
 
-    /// Value `i` of `count`; both ends are met exactly.
+    /// Value `i` of `count`; both ends are exact.
     fn value(&self, i: usize, count: usize) -> Value {
         let inner = match i {
             0 => return self.end(self.from),
             _ if i + 1 == count => return self.end(self.to),
             _ if self.log => self.share(i as f64 / (count - 1) as f64),
-            // Multiplied first, so that whole steps are met exactly.
+            // Multiply first, so that whole steps are exact.
             _ => self.from + i as f64 * (self.to - self.from) / (count - 1) as f64,
         };
-        // 15 digits: 0.3 and not 0.30000000000000004, and the same number by whatever range it comes.
-        self.end(format!("{inner:.14e}").parse().expect("written a moment ago"))
+        // Rounded to 15 digits: 0.3, not 0.30000000000000004, and the same number whichever range it comes from.
+        self.end(format!("{inner:.14e}").parse().expect("a formatted number"))
     }
 
-    /// Whole numbers between whole ends stay whole: starts, seeds, ratios.
+    /// With whole ends, whole numbers remain integers: starts, seeds, ratios.
     fn end(&self, x: f64) -> Value {
         if self.whole && x.fract() == 0.0 { Value::Integer(x as i64) } else { Value::Number(x) }
     }
 }
 
-/// One key of a condition.
+/// The test of one key of a condition.
 struct Test {
     name: String,
     allowed: Allowed,
@@ -374,6 +378,7 @@ impl Test {
     }
 }
 
+/// The tests of a condition, all of which must hold.
 fn pattern(
     table: &toml::Table,
     place: &[String],
@@ -405,7 +410,7 @@ fn pattern(
                 match (end("from", f64::NEG_INFINITY), end("to", f64::INFINITY)) {
                     (Some(from), Some(to)) if known && from <= to => Allowed::Between(from, to),
                     _ => {
-                        let help = "a range of a condition is { from = … }, { to = … } or both, ends included";
+                        let help = "the range of a condition has from, to or both; its ends are included";
                         return Err(issue(place, format!("found {spec}"), help));
                     }
                 }
@@ -416,11 +421,7 @@ fn pattern(
         Ok(Test { name: name.clone(), allowed })
     };
     if table.is_empty() {
-        return Err(issue(
-            place.to_vec(),
-            "the condition is empty",
-            "name what it is about, such as bounds = \"both\"",
-        ));
+        return Err(issue(place.to_vec(), "the condition is empty", "add a key, such as bounds = \"both\""));
     }
     table.iter().map(test).collect()
 }
@@ -458,7 +459,8 @@ mod tests {
     #[test]
     fn groups_multiply_and_a_star_moves_one_at_a_time() {
         let jobs = expand_text(
-            "[group.one.zip]\na = [1, 2]\nb = [3, 4]\n[group.two]\nlist = [{ c = 5 }, { d = 6 }]\n[star]\nx = [1]\ny = [2, 3]",
+            "[group.one.zip]\na = [1, 2]\nb = [3, 4]\n[group.two]\nlist = [{ c = 5 }, { d = 6 }]\n\
+             [star]\nx = [1]\ny = [2, 3]",
         )
         .unwrap();
         assert_eq!(jobs.len(), 2 * 2 * 4);
@@ -509,7 +511,7 @@ mod tests {
             ("[sample]\ncount = 3\nseed = 1\nsample = [1]", "numbers the samples"),
             ("[[list]]\na = 1\n[[list]]\na = 1", "entries 0 and 1"),
             ("[[list]]\na = [1]", "found [1]"),
-            ("[grid]\na = [1, 2, 1.0]", "1 is there twice"),
+            ("[grid]\na = [1, 2, 1.0]", "1 occurs twice"),
         ] {
             let message = expand_text(text).unwrap_err();
             assert!(message.contains(part), "{text}: {message}");

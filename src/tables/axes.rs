@@ -1,21 +1,21 @@
-//! Columns of what a study sweeps: one a swept name, in `jobs`.
+//! The columns of the swept axes in the table `jobs`, one per axis.
 
 use super::{Table, Values};
 use crate::study::Study;
 use crate::study::settings::Value;
 
-/// Columns of `jobs` before those of the axes, and the first after them.
+/// Columns of `jobs` before those of the axes, and the first one after them.
 pub const BEFORE_AXES: [&str; 2] = ["job_id", "index"];
 const AFTER_AXES: &str = "status";
 
-/// Names of what a study swept, from its table of jobs.
+/// Names of the swept axes of a study, from its table of jobs.
 pub fn axes(jobs: &Table) -> Vec<String> {
     let names = jobs.columns.iter().map(|(name, _)| name.clone());
     names.filter(|name| !BEFORE_AXES.contains(&name.as_str())).take_while(|name| name != AFTER_AXES).collect()
 }
 
 /// Settings that are whole numbers.
-const COUNTS: [&str; 7] =
+const WHOLE_NUMBERS: [&str; 7] =
     ["stages", "measurement_ratio", "starts", "first_start", "seed", "max_iterations", crate::study::sweep::SAMPLE];
 
 /// Type of a swept column: that of all its values.
@@ -28,10 +28,10 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The type of an axis of a study. Real settings are real in every study, whatever values it has of them.
+    /// The type of an axis of a study. A real-valued setting is real in every study, even if all its values are whole.
     pub fn of(study: &Study, axis: usize) -> Self {
         let values = || study.jobs.iter().filter_map(move |job| job.swept[axis].as_ref());
-        if COUNTS.contains(&study.axes[axis].as_str()) && values().all(|v| matches!(v, Value::Integer(_))) {
+        if WHOLE_NUMBERS.contains(&study.axes[axis].as_str()) && values().all(|v| matches!(v, Value::Integer(_))) {
             Kind::Integer
         } else if values().all(|v| v.number().is_some()) {
             Kind::Number
@@ -66,8 +66,8 @@ impl Kind {
     }
 }
 
-/// Unit of a swept name: of a setting by its name, of a number of the model by the last key of its path. Empty for
-/// words.
+/// Unit of a swept name: for a setting from its name, for a number of the model from the last key of its path. Empty
+/// for texts and flags.
 pub fn unit(name: &str) -> &'static str {
     const BY_ENDING: [(&str, &str); 16] = [
         ("_scale", "1"),

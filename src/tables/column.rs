@@ -1,8 +1,8 @@
-//! What a column is: its name, unit and meaning, and how a row fills it.
+//! A column: its name, unit and meaning, and how to get its value from a row.
 
 use super::{Table, Values};
 
-/// How a row fills a column.
+/// How to get a column's value from a row.
 enum Pick<R> {
     Number(fn(&R) -> Option<f64>),
     Integer(fn(&R) -> Option<i64>),
@@ -16,13 +16,13 @@ pub struct Column<R> {
     pick: Pick<R>,
 }
 
-/// What a reader needs to know of a column.
+/// What a reader needs to know about a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct About {
     pub name: &'static str,
     /// Its type in Parquet: `double`, `int64`, `boolean` or `string`.
     pub kind: &'static str,
-    /// `1` for a number without unit; empty where there is nothing to measure.
+    /// `1` for a dimensionless number; empty for counts, flags and texts.
     pub unit: &'static str,
     pub meaning: &'static str,
 }
@@ -58,7 +58,7 @@ impl<R> Column<R> {
     }
 }
 
-/// The table of some rows.
+/// Makes a table from rows.
 pub fn table<R>(name: &'static str, columns: &[Column<R>], rows: &[R]) -> Table {
     Table { name, columns: columns.iter().map(|column| (column.about.name.to_owned(), column.values(rows))).collect() }
 }

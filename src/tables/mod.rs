@@ -1,6 +1,6 @@
-//! The results on disk: which columns there are (the only list of them), and Parquet files by polars.
+//! Results on disk: the columns (this is the only list of them), and Parquet files written by polars.
 //!
-//! Missing values are null, units are in the column names, file metadata carry provenance.
+//! Missing values are null, units are in the column names, and the file metadata contain the provenance.
 
 mod axes;
 mod column;
@@ -11,7 +11,7 @@ pub use axes::unit as axis_unit;
 pub use column::About;
 pub use parquet::{STUDY, Writer, is_of_study, read};
 
-/// A column's values; `None` is missing.
+/// The values of a column; `None` if missing.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
     Number(Vec<Option<f64>>),
@@ -35,7 +35,7 @@ impl Values {
     }
 }
 
-/// A named table of typed columns of one length.
+/// A named table of typed columns of the same length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     pub name: &'static str,
@@ -80,7 +80,7 @@ impl Table {
         }
     }
 
-    /// A value as text for people, whatever its type.
+    /// A value of any type as readable text.
     pub fn display(&self, name: &str, row: usize) -> Option<String> {
         match self.column(name)? {
             Values::Number(values) => values[row].map(|v| format!("{v}")),

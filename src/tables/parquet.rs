@@ -1,4 +1,4 @@
-//! Tables to and from Parquet. The only file that knows polars.
+//! Writes tables to Parquet and reads them back. The only file that uses polars.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -19,7 +19,7 @@ use crate::files::partial;
 /// Key of the metadata that names the study of a table.
 pub const STUDY: &str = "sinew.study";
 
-/// A file that remembers why it could first not be written: polars does not always say.
+/// A file that remembers its first write error, which polars does not always report.
 struct Output {
     file: File,
     failure: Arc<OnceLock<io::ErrorKind>>,
@@ -39,19 +39,19 @@ impl Write for Output {
     }
 }
 
-/// A Parquet file (zstd) in the making, table after table of one kind; it appears whole or not at all.
+/// Writes a Parquet file (zstd) from several tables with the same columns. The file appears whole or not at all.
 pub struct Writer {
     path: PathBuf,
     partial: PathBuf,
     metadata: Vec<(String, String)>,
-    /// The file begins with the first table, which has the columns.
+    /// Created with the first table, since that has the columns.
     file: Option<(File, BatchedWriter<BufWriter<Output>>)>,
     failure: Arc<OnceLock<io::ErrorKind>>,
     rows: usize,
 }
 
 impl Writer {
-    /// `metadata` become the file's key–value metadata.
+    /// `metadata` becomes the file's key–value metadata.
     pub fn new(path: &Path, metadata: Vec<(String, String)>) -> Self {
         Self { path: path.to_owned(), partial: partial(path), metadata, file: None, failure: Arc::default(), rows: 0 }
     }
@@ -75,19 +75,19 @@ impl Writer {
         writer.write_batch(&frame).map_err(|e| self.failed(e))
     }
 
-    /// The file's metadata, with a schema in which text is plain UTF-8: as string views, which polars says of its own, older readers do not open
-    /// it, and newer ones do not filter, sort or join.
+    /// The file's metadata, with a schema in which text is plain UTF-8. By default polars declares string views: older
+    /// readers cannot open such files, and newer ones cannot filter, sort or join them.
     fn metadata_of(&self, frame: &DataFrame) -> Vec<(String, String)> {
         let plain = schema_to_metadata_key(&frame.schema().to_arrow(CompatLevel::oldest()));
         let schema = plain.value.map(|value| (plain.key.to_string(), value.to_string()));
         self.metadata.iter().cloned().chain(schema).collect()
     }
 
-    /// Ends the file and puts it in its place. Returns its number of rows.
+    /// Completes the file and moves it into place. Returns its number of rows.
     pub fn finish(mut self) -> Result<usize> {
         if let Some((file, writer)) = self.file.take() {
             writer.finish().map_err(|e| self.failed(e))?;
-            // What the buffer still holds is written now.
+            // Dropping it writes the rest of the buffer.
             drop(writer);
             if self.failure.get().is_some() {
                 return Err(self.failed("the last part is missing"));
@@ -98,7 +98,7 @@ impl Writer {
         Ok(self.rows)
     }
 
-    /// Why the file could not be written, if it knows better than what polars says.
+    /// The error of a failed write: the one that the file remembers, or else that of polars.
     fn failed(&self, says: impl std::fmt::Display) -> Error {
         match self.failure.get() {
             Some(kind) => Error::io("write", &self.path, (*kind).into()),
@@ -109,7 +109,7 @@ impl Writer {
 
 impl Drop for Writer {
     fn drop(&mut self) {
-        // Not there any more if it has been finished.
+        // After `finish`, there is no partial file any more.
         let _ = std::fs::remove_file(&self.partial);
     }
 }
@@ -125,7 +125,7 @@ fn column(name: &str, values: &Values) -> Column {
     .into()
 }
 
-/// Whether a file is a table that a study has left: it carries which.
+/// Whether a file is a table of a study: if so, its metadata name the study.
 pub fn is_of_study(path: &Path) -> bool {
     let metadata = || {
         let mut file = File::open(path).ok()?;
@@ -140,7 +140,7 @@ pub fn is_of_study(path: &Path) -> bool {
 /// Reads a table back.
 pub fn read(name: &'static str, path: &Path) -> Result<Table> {
     let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
-    // A damaged file may make the reader panic: an error like any other.
+    // A damaged file may make the reader panic; that becomes an ordinary error.
     let frame = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| ParquetReader::new(file).finish()))
         .unwrap_or_else(|_| Err(polars::prelude::PolarsError::ComputeError("the file is damaged".into())))
         .map_err(|e| Error::table("read", path, e))?;
@@ -154,7 +154,11 @@ pub fn read(name: &'static str, path: &Path) -> Result<Table> {
             DataType::Boolean => Values::Flag(series.bool().map_err(bad)?.iter().collect()),
             DataType::String => Values::Text(series.str().map_err(bad)?.iter().map(|t| t.map(str::to_owned)).collect()),
             other => {
-                return Err(Error::table("read", path, format!("column `{}` has the type {other}", column.name())));
+                return Err(Error::table(
+                    "read",
+                    path,
+                    format!("column `{}` has the unsupported type {other}", column.name()),
+                ));
             }
         };
         columns.push((column.name().to_string(), values));

@@ -1,4 +1,4 @@
-//! The columns of every table: the only list of them. `sinew describe` and `results/README.md` are made from it.
+//! The only list of the columns of every table. `sinew describe` and `results/README.md` are made from it.
 
 use super::axes::{BEFORE_AXES, Kind};
 use super::column::{About, Column, table};
@@ -11,36 +11,36 @@ use crate::study::{Job, Study};
 
 pub use super::axes::axes;
 
-/// Version of names, types and meanings of the columns.
+/// Version of the columns' names, types and meanings.
 pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
 
 /// Names of the tables, which are the file names without `.parquet`.
 pub const TABLES: [&str; 9] =
     ["jobs", "regularity", "iterations", "muscles", "ratios", "spectrum", "sensitivities", "optima", "trajectories"];
 
-/// Tables that are left out where they have no row, since a study has to ask for them.
+/// Tables that exist only if a study asks for them; they are omitted if empty.
 pub const ON_REQUEST: [&str; 2] = ["ratios", "trajectories"];
 
-/// Columns that are times taken: two runs of one study may differ in these only.
+/// Columns with computing times: the only ones in which two runs of a study may differ.
 pub const TIMINGS: [&str; 3] = ["solve_s", "rank_s", "wall_s"];
 
 /// What one row of a table is.
 pub fn row_of(table: &str) -> &'static str {
     match table {
-        "jobs" => "a job, failed ones too; the swept names are columns between `index` and `status`",
-        "regularity" => "a job whose ranks were taken: ranks, verdicts on uniqueness, and what is free",
-        "iterations" => "an SQP iteration of the best start of a job, the start guess being 0",
-        "muscles" => "a muscle of a job that has a last iterate; believe those of converged jobs only",
-        "ratios" => "a declared load ratio of a job, by measure (only where the study declares one)",
+        "jobs" => "a job, including failed ones; the columns between `index` and `status` are the swept axes",
+        "regularity" => "a job whose ranks were computed: ranks, verdicts on uniqueness, and what is free",
+        "iterations" => "an SQP iteration of the best start of a job; the start guess is number 0",
+        "muscles" => "a muscle of a job that has a last iterate; only those of converged jobs are reliable",
+        "ratios" => "a declared load ratio of a job, by measure (only if the study declares one)",
         "spectrum" => "a singular value near the cut between kept and dropped ones",
-        "sensitivities" => "how the mean force of a muscle follows a parameter, at a converged solution",
-        "optima" => "an optimum that the starts of a job met, the lowest first",
+        "sensitivities" => "how the mean force of a muscle depends on a parameter, at a converged solution",
+        "optima" => "an optimum found by the starts of a job, the lowest first",
         "trajectories" => "a value of a function of time (only with `trajectories = true`)",
         _ => "",
     }
 }
 
-/// Columns that tell the rows of one job apart.
+/// Columns that distinguish the rows of a job.
 pub fn row_keys(table: &str) -> &'static [&'static str] {
     match table {
         "iterations" => &["iteration"],
@@ -49,11 +49,11 @@ pub fn row_keys(table: &str) -> &'static [&'static str] {
         "spectrum" => &["matrix", "index"],
         "sensitivities" => &["muscle", "parameter"],
         "trajectories" => &["time_s", "signal", "name"],
-        _ => &[], // one row a job; optima by their order
+        _ => &[], // one row per job; the order of optima distinguishes them
     }
 }
 
-/// The columns of a table, those of swept names apart.
+/// The columns of a table, except those of swept axes.
 pub fn about(table: &str) -> Vec<About> {
     fn of<R>(columns: Vec<Column<R>>) -> Vec<About> {
         columns.into_iter().map(|column| column.about).collect()
@@ -72,13 +72,13 @@ pub fn about(table: &str) -> Vec<About> {
     }
 }
 
-/// Unit of a column of a table: `1` for a number without unit, empty where there is nothing to measure.
+/// Unit of a column of a table: `1` for a dimensionless number, empty for counts, flags and texts.
 pub fn unit(table: &str, column: &str) -> &'static str {
     let own = about(table).into_iter().find(|about| about.name == column);
     own.map_or_else(|| axes::unit(column), |about| about.unit)
 }
 
-/// What the tables of a study depend on beside its outcomes.
+/// What the tables of a study depend on in addition to its outcomes.
 pub struct Columns<'s> {
     axes: Vec<(&'s str, Kind)>,
     ratios: &'s [Ratio],
@@ -90,7 +90,7 @@ impl<'s> Columns<'s> {
         Self { axes, ratios: &study.ratios }
     }
 
-    /// All tables for some finished jobs, in their order.
+    /// All tables for the given finished jobs, in their order.
     pub fn tables(&self, finished: &[(&Job, &Outcome)]) -> Vec<Table> {
         let ratio_rows: Vec<Vec<RatioRow<'_>>> =
             finished.iter().map(|(_, outcome)| ratio_rows(outcome, self.ratios)).collect();
@@ -122,7 +122,7 @@ impl<'s> Columns<'s> {
     }
 }
 
-/// A row of an outcome with the job it is of.
+/// A row of an outcome, with its job.
 struct Line<'o, R> {
     job: &'o Job,
     status: &'static str,
@@ -141,9 +141,11 @@ fn lines<'o, R>(finished: &[(&'o Job, &'o Outcome)], rows: fn(&'o Outcome) -> &'
 }
 
 fn job_id<'o, R>() -> Column<Line<'o, R>> {
-    Column::text("job_id", "hash of all that decides the result: the same job has the same id in every study", |l| {
-        Some(l.job.id.clone())
-    })
+    Column::text(
+        "job_id",
+        "hash of everything that determines the result: equal jobs have the same id everywhere",
+        |l| Some(l.job.id.clone()),
+    )
 }
 
 fn status<'o, R>() -> Column<Line<'o, R>> {
@@ -170,7 +172,7 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
             l.row.remark.clone()
         }),
         C::integer("iterations", "SQP iterations of the best start", |l| l.row.iterations),
-        C::integer("factorisations", "factorisations of KKT matrices, all starts and the analysis together", |l| {
+        C::integer("factorisations", "factorisations of KKT matrices, for all starts and the analysis together", |l| {
             l.row.factorisations
         }),
         C::number("objective", "1", "half the sum of squared residuals (tracking and load sharing), eq. (26)", |l| {
@@ -189,9 +191,9 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
         C::number("tracking_rms_deg", "degree", "RMS error of the orientations of the bodies", |l| {
             l.row.tracking_rms_deg
         }),
-        C::integer("n_starts", "starts that were made", |l| l.row.n_starts),
-        C::integer("n_converged_starts", "starts that converged", |l| l.row.n_converged_starts),
-        C::integer("n_distinct_optima", "different optima among them; see `optima`", |l| l.row.n_distinct_optima),
+        C::integer("n_starts", "number of starts made", |l| l.row.n_starts),
+        C::integer("n_converged_starts", "number of starts that converged", |l| l.row.n_converged_starts),
+        C::integer("n_distinct_optima", "number of different optima found; see `optima`", |l| l.row.n_distinct_optima),
         C::number(
             "stationarity",
             "1",
@@ -201,16 +203,17 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
         C::number(
             "feasibility",
             "1",
-            "largest violation: |eq. (1)| over the weight, |eq. (3)| in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bounds",
+            "largest violation: |eq. (1)| over the weight, |eq. (3)| in normalised force, |Φ| in m or rad, \
+             |eq. (4)|·τ, bounds",
             |l| l.row.feasibility,
         ),
         C::number("complementarity", "1", "largest |slack of a bound × its multiplier|", |l| l.row.complementarity),
-        C::integer("n_variables", "unknowns", |l| l.row.n_variables),
-        C::integer("n_equalities", "equality constraints", |l| l.row.n_equalities),
-        C::integer("n_active", "active bounds on activations and excitations", |l| l.row.n_active),
+        C::integer("n_variables", "number of unknowns", |l| l.row.n_variables),
+        C::integer("n_equalities", "number of equality constraints", |l| l.row.n_equalities),
+        C::integer("n_active", "number of active bounds on activations and excitations", |l| l.row.n_active),
         C::integer(
             "n_active_force",
-            "active conditions f_m ≥ 0, which are imposed where a ≥ 0 is not and are not part of the thesis' ranks",
+            "number of active conditions f_m ≥ 0, which are imposed if a ≥ 0 is not; the thesis' ranks exclude them",
             |l| l.row.n_active_force,
         ),
         C::number("min_activation", "1", "smallest activation of any muscle", |l| l.row.min_activation),
@@ -218,23 +221,23 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
         C::number(
             "max_constraint_velocity",
             "m/s, rad/s",
-            "largest |Φ_q q̇| at the points: how far the velocities leave the joints; rounding level with radau",
+            "largest |Φ_q q̇| at the points: how far the velocities violate the joints; at rounding level with radau",
             |l| l.row.max_constraint_velocity,
         ),
         C::number(
             "mid_interval_error",
             "1",
-            "how well the equations hold half-way between the points: the largest of |eq. (1)| over the weight, \
-             |eq. (3)| in normalised force, |Φ| in m, and |eq. (4)|·τ; null where it overflows",
+            "largest residual midway between the points: |eq. (1)| over the weight, |eq. (3)| in normalised force, \
+             |Φ| in m, and |eq. (4)|·τ; null if it overflows",
             |l| l.row.mid_interval_error,
         ),
-        C::flag("polished", "active bounds hold exactly where the ranks were taken; false where that failed", |l| {
+        C::flag("polished", "active bounds hold exactly where the ranks were computed; false if that failed", |l| {
             l.row.polished
         }),
         C::text("warm_start_from", "id of the job whose solution this one started from", |l| {
             l.row.warm_start_from.clone()
         }),
-        C::number("solve_s", "s", "time to solve, all starts", |l| l.row.solve_s),
+        C::number("solve_s", "s", "time for all starts", |l| l.row.solve_s),
         C::number("rank_s", "s", "time for ranks, intervals and sensitivities", |l| l.row.rank_s),
         C::number("wall_s", "s", "time of the whole job", |l| l.row.wall_s),
     ]
@@ -265,10 +268,10 @@ fn regularity<'o>() -> Vec<Column<Line<'o, RegularityRow>>> {
         C::integer("predicted_deficiency_aj", "the deficiency of [Aᵀ Jᵀ] that the pattern explains", |l| {
             l.row.aj.predicted
         }),
-        C::integer("deficiency_a_with_force", "that of A with active conditions f_m ≥ 0 as rows too", |l| {
+        C::integer("deficiency_a_with_force", "that of A with the active conditions f_m ≥ 0 as further rows", |l| {
             l.row.deficiency_a_with_force
         }),
-        C::integer("deficiency_aj_with_force", "that of [Aᵀ Jᵀ] with these rows", |l| {
+        C::integer("deficiency_aj_with_force", "that of [Aᵀ Jᵀ] with these further rows", |l| {
             l.row.deficiency_aj_with_force
         }),
         C::number("tolerance_a", "1", "singular values of A below it count as 0", |l| Some(l.row.a.tolerance)),
@@ -289,7 +292,7 @@ fn regularity<'o>() -> Vec<Column<Line<'o, RegularityRow>>> {
         }),
         C::flag(
             "ambiguous",
-            "the singular values have no clear gap at the cut, so that the count depends on the tolerance",
+            "the singular values have no clear gap at the cut, so the deficiency depends on the tolerance",
             |l| Some(l.row.ambiguous),
         ),
         C::flag(
@@ -297,25 +300,25 @@ fn regularity<'o>() -> Vec<Column<Line<'o, RegularityRow>>> {
             "some cut between 1e-15 and 1e-9 of the largest singular value gives the predicted deficiencies",
             |l| l.row.prediction_agrees,
         ),
-        C::flag("multipliers_unique", "A has full rank: the multipliers have one value", |l| l.row.multipliers_unique),
+        C::flag("multipliers_unique", "A has full rank: the multipliers are unique", |l| l.row.multipliers_unique),
         C::flag(
             "answer_unique",
-            "[Aᵀ Jᵀ] has full rank: excitations, activations, fibre lengths, reactions and motion have one value, to \
-             first order",
+            "[Aᵀ Jᵀ] has full rank: excitations, activations, fibre lengths, reactions and motion are unique to first \
+             order",
             |l| l.row.answer_unique,
         ),
         C::flag(
             "loads_unique",
-            "no free direction moves the force of a muscle at a collocation point: who carries what is determined",
+            "no free direction changes the force of a muscle at a collocation point: the load sharing is determined",
             |l| l.row.loads_unique,
         ),
         C::flag(
             "unique",
-            "both deficiencies are 0, as the thesis has it; often false beside a unique answer, since the bounds of an \
-             idle muscle are dependent",
+            "both deficiencies are 0, the criterion of the thesis; often false although the answer is unique, since \
+             the bounds of an idle muscle are dependent",
             |l| Some(l.row.multipliers_unique? && l.row.answer_unique?),
         ),
-        C::text("null_space", "what is free, in words", |l| l.row.null_space.clone()),
+        C::text("null_space", "description of what is free", |l| l.row.null_space.clone()),
     ]
 }
 
@@ -348,10 +351,10 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
         C::number(
             "mean_activation_low",
             "1",
-            "least mean activation over all answers that are as good to first order",
+            "least mean activation over all answers that are equally good to first order",
             |l| l.row.mean_activation_low,
         ),
-        C::number("mean_activation_high", "1", "greatest of these; the same as the least where it is unique", |l| {
+        C::number("mean_activation_high", "1", "greatest of these; equal to the least if it is unique", |l| {
             l.row.mean_activation_high
         }),
         C::number("peak_activation", "1", "largest at a collocation point", |l| Some(l.row.peak_activation)),
@@ -380,10 +383,11 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
         C::number(
             "ringing",
             "optimal fibre lengths/s",
-            "largest |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity: amplitude of an alternation from point to point",
+            "largest |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity: amplitude of an alternation from point to \
+             point",
             |l| Some(l.row.ringing),
         ),
-        C::number("direction_changes", "1", "share of points where the fibre velocity turns up or down", |l| {
+        C::number("direction_changes", "1", "share of points at which the fibre velocity turns up or down", |l| {
             Some(l.row.direction_changes)
         }),
         C::number("peak_fibre_velocity_per_s", "optimal fibre lengths/s", "largest |fibre velocity|", |l| {
@@ -396,11 +400,11 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
 struct RatioRow<'s> {
     ratio: &'s str,
     measure: Measure,
-    /// `None` where the denominator is 0.
+    /// `None` if the denominator is 0.
     value: Option<f64>,
 }
 
-/// The declared load ratios of a job; none where it has no muscles.
+/// The declared load ratios of a job; none if it has no muscle rows.
 fn ratio_rows<'s>(outcome: &Outcome, ratios: &'s [Ratio]) -> Vec<RatioRow<'s>> {
     let mut rows = Vec::new();
     for ratio in ratios.iter().filter(|_| !outcome.muscles.is_empty()) {
@@ -430,7 +434,7 @@ fn ratios<'o>() -> Vec<Column<Line<'o, RatioRow<'o>>>> {
         C::text("measure", "`mean_force`, `peak_force`, `impulse` or `activation`", |l| {
             Some(l.row.measure.name().to_owned())
         }),
-        C::number("value", "1", "numerator over denominator; null where the denominator is 0", |l| l.row.value),
+        C::number("value", "1", "numerator over denominator; null if the denominator is 0", |l| l.row.value),
     ]
 }
 
@@ -449,7 +453,9 @@ fn sensitivities<'o>() -> Vec<Column<Line<'o, SensitivityRow>>> {
     vec![
         job_id(),
         C::text("muscle", "name of the muscle", |l| Some(l.row.muscle.clone())),
-        C::text("parameter", "`mu`, or the path of a number of the model", |l| Some(l.row.parameter.clone())),
+        C::text("parameter", "`mu`, or the path of a numeric parameter of the model", |l| {
+            Some(l.row.parameter.clone())
+        }),
         C::number("parameter_value", "unit of the parameter", "its value in this job", |l| Some(l.row.parameter_value)),
         C::number("mean_force_slope", "N per unit of the parameter", "∂(mean force)/∂(parameter)", |l| {
             Some(l.row.mean_force_slope)
@@ -465,7 +471,7 @@ fn optima<'o>() -> Vec<Column<Line<'o, OptimumRow>>> {
     vec![
         job_id(),
         C::number("objective", "1", "lowest objective of the starts that ended there", |l| Some(l.row.objective)),
-        C::integer("starts", "how many starts ended there", |l| Some(l.row.starts)),
+        C::integer("starts", "number of starts that ended there", |l| Some(l.row.starts)),
         C::text("idle", "muscles without activation, separated by `, `", |l| Some(l.row.idle.clone())),
         C::integer("deficiency_a", "as in `regularity`, at this optimum", |l| l.row.deficiency_a),
         C::integer("deficiency_aj", "as in `regularity`, at this optimum", |l| l.row.deficiency_aj),
@@ -476,7 +482,7 @@ fn trajectories<'o>() -> Vec<Column<Line<'o, TrajectoryRow>>> {
     use Column as C;
     vec![
         job_id(),
-        C::number("time_s", "s", "by the clock of the motion file", |l| Some(l.row.time_s)),
+        C::number("time_s", "s", "time, as in the motion file", |l| Some(l.row.time_s)),
         C::text(
             "signal",
             "`coordinate`, `measured`, `acceleration` (body coordinates: m, rad and Euler parameters), \
@@ -486,7 +492,7 @@ fn trajectories<'o>() -> Vec<Column<Line<'o, TrajectoryRow>>> {
             |l| Some(l.row.signal.clone()),
         ),
         C::text("name", "of the coordinate, muscle, joint or bound", |l| Some(l.row.name.clone())),
-        C::number("value", "by signal", "value at that time, in the unit of its signal", |l| Some(l.row.value)),
+        C::number("value", "by signal", "value at that time, in the unit of the signal", |l| Some(l.row.value)),
         C::flag(
             "end_effect",
             "reactions and accelerations of the first and last four points, which ring (midpoint)",

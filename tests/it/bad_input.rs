@@ -64,7 +64,7 @@ fn mistakes() -> Vec<Mistake> {
             "a repeated value",
             "[0.1, 0.2, 0.4]",
             "[0.1, 0.1]",
-            &["study.toml:9", "sweep.grid.mu", "0.1 is there twice"],
+            &["study.toml:9", "sweep.grid.mu", "0.1 occurs twice"],
         ),
         study(
             "an unquoted path",
@@ -85,7 +85,7 @@ fn mistakes() -> Vec<Mistake> {
             "a wildcard that fits nothing",
             "mu = [",
             "\"muscle.x*.optimal_fibre_length\" = [",
-            &["nothing in the model fits `muscle.x*`"],
+            &["nothing in the model matches `muscle.x*`"],
         ),
         study(
             "an unknown kind of sweep",
@@ -97,7 +97,7 @@ fn mistakes() -> Vec<Mistake> {
             "axes of a zip of two lengths",
             "[sweep.grid]",
             "[sweep.zip]",
-            &["sweep.zip.bounds", "2 values beside 3 of `mu`", "all the same length"],
+            &["sweep.zip.bounds", "found 2 values, but `mu` has 3", "the same length"],
         ),
         study(
             "samples without a seed",
@@ -115,7 +115,7 @@ fn mistakes() -> Vec<Mistake> {
             "a log range through zero",
             "mu = [0.1, 0.2, 0.4]",
             "mu = { from = 0, to = 1, count = 3, scale = 'log' }",
-            &["study.toml:9", "a log range from 0 to 1", "above 0"],
+            &["study.toml:9", "a log range from 0 to 1", "greater than 0"],
         ),
         study(
             "a range without count",
@@ -127,7 +127,7 @@ fn mistakes() -> Vec<Mistake> {
             "a billion jobs",
             "[sweep.grid]",
             "[sweep.grid]\nseed = { from = 1, to = 999999, count = 999999 }",
-            &["the study has 5999994 jobs", "1000000 are the most"],
+            &["the study has 5999994 jobs", "at most 1000000 are allowed"],
         ),
         study(
             "conditions that leave nothing",
@@ -181,7 +181,7 @@ fn mistakes() -> Vec<Mistake> {
             "a condition on what a group does not sweep",
             "[sweep.grid]",
             "[sweep.group.g]\ngrid = { stages = [1, 2] }\nexclude = [{ mu = 0.1 }]\n[sweep.grid]",
-            &["`mu`, which is swept outside the group", "beside the groups"],
+            &["`mu`, which is swept outside the group", "move the condition out of the group"],
         ),
         study(
             "an unquoted path in a sample",
@@ -295,7 +295,7 @@ fn mistakes() -> Vec<Mistake> {
             "a filter above what the sampling has",
             "[sweep.grid]",
             "smoothing_hz = 50\n[sweep.grid]",
-            &["smoothing_hz: 50 Hz", "100 instants a second", "38 Hz"],
+            &["smoothing_hz: 50 Hz", "100 instants per second", "38 Hz"],
         ),
         study(
             "one offset in two units",
@@ -319,7 +319,7 @@ fn mistakes() -> Vec<Mistake> {
             "a name that confirms nothing",
             "name =",
             "confirm = [\"muscle.bizeps.max_isometric_force\"]\nname =",
-            &["muscle.bizeps.max_isometric_force", "is no number of the model"],
+            &["muscle.bizeps.max_isometric_force", "is not a number of the model"],
         ),
         study(
             "one number absolute and by a factor",

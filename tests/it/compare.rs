@@ -82,7 +82,7 @@ fn exactly_the_altered_cells_are_reported() {
     ];
     expected.sort();
     assert_eq!(cells, expected);
-    assert!(shown.contains("is not the file that its manifest speaks of"), "a warning, no refusal: {shown}");
+    assert!(shown.contains("is not the file recorded in its manifest"), "a warning, no refusal: {shown}");
     let junit = std::fs::read_to_string(at.join("c.xml")).unwrap();
     assert!(junit.contains("tests=\"6\"") && junit.matches("<failure").count() == 4, "{junit}");
 
@@ -160,7 +160,7 @@ fn what_is_gone_is_drift_and_mistakes_are_refused() {
     assert_eq!(code(&["results/small", "results/small", "--accept"]).0, 2);
     assert_eq!(code(&["results/small", "base", "--accept"]).0, 0);
     for (tolerance, says) in
-        [("nonsense=1e-4", "no table of the baseline"), ("mu=-1", "no tolerance"), ("mu", "COLUMN=")]
+        [("nonsense=1e-4", "no table of the baseline"), ("mu=-1", "not a tolerance"), ("mu", "COLUMN=")]
     {
         let (code, shown) = code(&["results/small", "base", "--tolerance", tolerance]);
         assert!(code == 2 && shown.contains(says), "{tolerance}: {shown}");

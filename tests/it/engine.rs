@@ -217,7 +217,7 @@ fn one_number_is_set_in_one_way() {
         let text = SMALL.replace("[sweep.grid]", &format!("{base}\n[sweep.grid]\n{swept}"));
         let folder = folder(&[("study.toml", &text)]);
         let error = Study::load(&folder.path().join("study.toml")).map(|_| ()).unwrap_err();
-        assert!(error.to_string().contains("absolute and by a factor"), "{base}, {swept}: {error}");
+        assert!(error.to_string().contains("as a value and by a factor"), "{base}, {swept}: {error}");
     }
 }
 
@@ -265,5 +265,5 @@ fn two_runs_do_not_share_a_folder() {
         (Outcome::failed(Status::Invalid, "not solved in this test"), None)
     })
     .unwrap();
-    assert!(inner.into_inner().unwrap().unwrap().contains("another run is at work"));
+    assert!(inner.into_inner().unwrap().unwrap().contains("another run is using"));
 }
