@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, SourceFile};
 use crate::files::write_whole;
+use crate::names::counted;
 use crate::run::folder::claim;
 use crate::run::manifest::Manifest;
 use crate::study::sweep::SAMPLE;
@@ -312,7 +313,7 @@ pub fn verdict_text(verdict: &Verdict) -> Option<(String, Vec<String>)> {
     Some(match verdict {
         Verdict::Unchanged => return None,
         Verdict::Changed { cells } => {
-            (format!("changed in {} value(s)", cells.len()), cells.iter().map(ToString::to_string).collect())
+            (format!("changed in {}", counted(cells.len(), "value")), cells.iter().map(ToString::to_string).collect())
         }
         Verdict::New => ("new: not in the baseline".to_owned(), Vec::new()),
         Verdict::Missing => ("missing: in the baseline only".to_owned(), Vec::new()),
@@ -550,7 +551,7 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
     }
     let jobs = manifest.jobs.len();
     if manifest.finished < jobs {
-        return refuse(format!("{} of {jobs} job(s) are finished; run the study to its end first", manifest.finished));
+        return refuse(format!("{} of {jobs} jobs are finished; run the study to its end first", manifest.finished));
     }
     for name in schema::TABLES.iter().filter(|name| manifest.files.contains_key(&format!("{name}.parquet"))) {
         tables::read(name, &folder.join(format!("{name}.parquet")))?;

@@ -24,6 +24,11 @@ pub fn is_formula(text: &str) -> bool {
     text.starts_with(['=', '+', '-', '@', '\t', '\r'])
 }
 
+/// A number of things: `1 job`, `12 jobs`.
+pub fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
 /// A name as shown in a message: on one line, and truncated if it is very long.
 pub fn shown(name: &str) -> String {
     let name = name.replace('\n', "␊").replace('\t', "␉");

@@ -7,6 +7,7 @@ use crate::error::{Error, Issue, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
+use crate::names::counted;
 use crate::opensim;
 use crate::plausibility;
 use crate::skeleton::Skeleton;
@@ -62,7 +63,8 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
                 let motion = described_motion(&study.motion, &study.model);
                 let warning = plausibility::of_motion(&study.motion, &study.model, &study.base);
                 let warning = warning.map(|w| format!("\nwarning: {}: {}", w.code, w.found)).unwrap_or_default();
-                Ok(format!("study, {} job(s)\n{motion}{warning}{}", study.jobs.len(), lost_of_model(&study)?))
+                let jobs = counted(study.jobs.len(), "job");
+                Ok(format!("study, {jobs}\n{motion}{warning}{}", lost_of_model(&study)?))
             } else if SkeletonFile::is_one(&table) {
                 Ok(described(&SkeletonFile::load(&file)?))
             } else {
@@ -101,8 +103,8 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
     let (least, most) = steps.fold((f64::INFINITY, 0.0f64), |(low, high), step| (low.min(step), high.max(step)));
     let even = if most - least > 1e-3 * mean { format!(", steps of {least:.6} to {most:.6} s") } else { String::new() };
     let mut out = format!(
-        "motion, {} coordinate(s) at {} instants: {start} to {} s, {:.1} Hz{even}",
-        table.columns.len(),
+        "motion, {} at {} instants: {start} to {} s, {:.1} Hz{even}",
+        counted(table.columns.len(), "coordinate"),
         table.time.len(),
         table.time[table.time.len() - 1],
         1.0 / mean

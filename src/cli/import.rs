@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::{GOOD, note, print};
 use crate::error::{Error, Result, SourceFile};
+use crate::names::counted;
 use crate::opensim::{self, Note, Weight};
 use crate::skeleton::text::text;
 
@@ -15,7 +16,7 @@ pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
     let list = listed(&imported.notes);
     let lost = of_weight(&imported.notes, Weight::Lost);
     if strict && !lost.is_empty() {
-        let message = format!("{}: {} thing(s) are lost:\n{}", model.display(), lost.len(), listed(&lost));
+        let message = format!("{}: {} lost:\n{}", model.display(), counted(lost.len(), "thing"), listed(&lost));
         let help = "without --strict the model is written all the same, and the list with it";
         return Err(source.error(None, message, "", Some(help.to_owned())));
     }
@@ -78,7 +79,10 @@ pub fn say_lost(source: &SourceFile) -> Result<()> {
         let mut said = format!("note: {name}: {}\n", listed(&lost));
         let others = notes.len() - lost.len();
         if others > 0 {
-            said.push_str(&format!("  and {others} thing(s) of less weight: `sinew check {name}` lists all\n"));
+            said.push_str(&format!(
+                "  and {} of less weight: `sinew check {name}` lists all\n",
+                counted(others, "thing")
+            ));
         }
         note(said.trim_end());
     }

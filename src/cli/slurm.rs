@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use super::{GOOD, print};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
+use crate::names::counted;
 use crate::run::store::Store;
 use crate::run::{RunOptions, Shard, check_folder, default_folder, freeze};
 use crate::study::Study;
@@ -100,9 +101,10 @@ pub fn slurm(arguments: &Arguments) -> Result<u8> {
     write_whole(&merge, merge_script(arguments, &study, &out, &sinew))?;
     write_whole(&folder.join("shards"), format!("{shards}\n"))?;
     print(&format!(
-        "{}: {} job(s) in {shards} shard(s), scripts in {}",
+        "{}: {} in {}, scripts in {}",
         study.name,
-        study.jobs.len(),
+        counted(study.jobs.len(), "job"),
+        counted(shards, "shard"),
         folder.display()
     ));
     if missing.is_empty() {
@@ -119,9 +121,12 @@ pub fn slurm(arguments: &Arguments) -> Result<u8> {
     let job = sbatch(&[&format!("--array={elements}")], &array)?;
     // afterany: the merge says itself what is missing.
     let after = sbatch(&[&format!("--dependency=afterany:{job}")], &merge)?;
-    print(&format!("submitted {} shard(s) ({elements}) as job {job}, the merge as job {after}", missing.len()));
     print(&format!(
-        "`sinew status {}` tells how far they are; call this again to submit what is missing then",
+        "submitted {} ({elements}) as job {job}, the merge as job {after}",
+        counted(missing.len(), "shard")
+    ));
+    print(&format!(
+        "`sinew status {}` shows progress; run this command again later to submit what is still missing",
         out.display()
     ));
     Ok(GOOD)
@@ -137,8 +142,9 @@ fn shards(arguments: &Arguments, study: &Study, folder: &Path) -> usize {
     let count = wanted.min(study.blocks().len()).min(most).max(1);
     if count < wanted {
         print(&format!(
-            "{count} shard(s) for {wanted}: there are {} pieces of work, an array has {most}",
-            study.blocks().len()
+            "{} instead of {wanted}: there are {} to share, and an array has at most {most}",
+            counted(count, "shard"),
+            counted(study.blocks().len(), "block of jobs")
         ));
     }
     count

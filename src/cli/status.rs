@@ -6,6 +6,7 @@ use std::time::SystemTime;
 
 use super::{FAILED_JOBS, GOOD, print};
 use crate::error::{Error, Result};
+use crate::names::counted;
 use crate::outcome::Status;
 use crate::run::manifest::{Manifest, PlannedJob};
 use crate::run::store::Store;
@@ -38,14 +39,9 @@ pub fn status(dir: &Path) -> Result<u8> {
     let total = manifest.jobs.len();
     let done: Vec<String> = counts.iter().map(|(status, count)| format!("{count} {}", status.name())).collect();
     let done = if done.is_empty() { String::new() } else { format!(" ({})", done.join(", ")) };
-    print(&format!(
-        "{}: {} of {total} job(s) finished{done}, {} to do",
-        manifest.study.name,
-        times.len(),
-        missing.len()
-    ));
+    print(&format!("{}: {} of {total} jobs finished{done}, {} to do", manifest.study.name, times.len(), missing.len()));
     if store.damaged > 0 {
-        print(&format!("{} damaged line(s): those jobs run again", store.damaged));
+        print(&format!("{}: their jobs run again", counted(store.damaged, "damaged line")));
     }
     times.sort_unstable();
     if let Some(&last) = times.last() {
@@ -78,12 +74,12 @@ pub fn status(dir: &Path) -> Result<u8> {
         print(&format!("job {}{swept}: {}: {}", job.index, status.name(), error.unwrap_or_default()));
     }
     if failed.len() > NAMED {
-        print(&format!("… and {} more failed job(s): see jobs.parquet", failed.len() - NAMED));
+        print(&format!("… and {}: see jobs.parquet", counted(failed.len() - NAMED, "more failed job")));
     }
     if !missing.is_empty() && !times.is_empty() {
         let named: Vec<String> = missing.iter().take(NAMED).map(|job| job.index.to_string()).collect();
         let more = if missing.len() > NAMED { ", …" } else { "" };
-        print(&format!("to do: job(s) {}{more}", named.join(", ")));
+        print(&format!("to do: {}{more}", named.join(", ")));
     }
     Ok(if missing.is_empty() && failed.is_empty() { GOOD } else { FAILED_JOBS })
 }

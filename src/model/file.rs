@@ -396,7 +396,7 @@ impl ModelFile {
         if m.path.len() < 2 {
             return Err(Issue::new(
                 &key("path"),
-                format!("found {} point(s)", m.path.len()),
+                format!("found {}", names::counted(m.path.len(), "point")),
                 "a muscle needs an origin and an insertion",
             ));
         }

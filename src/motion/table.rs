@@ -10,6 +10,7 @@ use std::path::Path;
 use super::text::{Row, TextTable, at_line};
 use crate::error::{Result, SourceFile, nearest};
 use crate::model::Model;
+use crate::names::counted;
 
 /// Joint coordinates over time, in SI units (rad, m).
 #[derive(Clone, Debug, PartialEq)]
@@ -93,7 +94,7 @@ impl MotionTable {
             table.add(file, row, &text.names, &columns)?;
         }
         if table.time.len() < 4 {
-            let message = format!("the table has {} row(s)", table.time.len());
+            let message = format!("the table has {}", counted(table.time.len(), "row"));
             return Err(text.error(file, message, "a motion needs at least four instants"));
         }
         table.notes.extend(gap(&table.time));

@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::error::{Error, Result, SourceFile};
+use crate::names::counted;
 
 /// Maximum number of nodes, more than any model has.
 const MAX_NODES: u32 = 1_000_000;
@@ -133,7 +134,12 @@ impl<'d> Element<'d> {
     pub fn vector<const N: usize>(&self, tag: &str) -> Result<Option<[f64; N]>> {
         let Some(numbers) = self.numbers(tag)? else { return Ok(None) };
         let found = numbers.len();
-        let wrong = || self.error(format!("<{tag}> has {found} number(s)"), &format!("expected {N} number(s)"));
+        let wrong = || {
+            self.error(
+                format!("<{tag}> has {}", counted(found, "number")),
+                &format!("expected {}", counted(N, "number")),
+            )
+        };
         numbers.try_into().map(Some).map_err(|_| wrong())
     }
 

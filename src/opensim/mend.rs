@@ -4,6 +4,7 @@
 use std::collections::HashSet;
 
 use super::Notes;
+use crate::names::counted;
 use crate::skeleton::Role;
 use crate::skeleton::file::{BodyEntry, SkeletonFile};
 
@@ -38,7 +39,7 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
         if muscle.path.len() < before {
             notes.remark(
                 &who,
-                format!("{} path point(s) left out: they repeat the point before", before - muscle.path.len()),
+                format!("{} left out: they repeat the point before", counted(before - muscle.path.len(), "path point")),
             );
         }
     }

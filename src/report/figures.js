@@ -81,6 +81,7 @@ const sinewFigures = (report) => {
   const ratioName = (results, row) => `${results.ratios.at('ratio', row)} (${results.ratios.at('measure', row)})`;
   const compare = (a, b) => a - b;
   // Numbers in ascending order, texts in the order of the study.
+  const counted = (count, noun) => `${count} ${noun}${count === 1 ? '' : 's'}`;
   const distinct = (values) => { const all = [...new Set(values)]; return all.every((value) => typeof value === 'number') ? all.sort(compare) : all; };
 
   const now = new Results(report.tables);
@@ -126,7 +127,7 @@ const sinewFigures = (report) => {
   // Escapes names in tooltips, which are HTML.
   const tip = (parts, ...values) => String.raw({ raw: parts }, ...values.map((value) => String(value).replace(/[&<>"']/g, (one) => `&#${one.charCodeAt(0)};`)));
   const styled = (k) => ({ lineStyle: { type: DASHES[Math.floor(k / COLOURS.length) % DASHES.length], width: 2 }, symbol: SYMBOLS[k % SYMBOLS.length], symbolSize: 6, itemStyle: { color: COLOURS[k % COLOURS.length] } });
-  const named = (series) => `${series.length} line(s): ${series.map((one) => one.name).join(', ')}`;
+  const named = (series) => `${counted(series.length, 'line')}: ${series.map((one) => one.name).join(', ')}`;
   // Lines [{name, points: [[x, y], …], style, dashed}] over a common axis. With `log`, y is plotted as its decimal exponent, at least −16.
   const lines = (name, title, { x, y, series, log, symbols = true, extra = [] }) => {
     const [least, most] = series.flatMap((one) => one.points).reduce(([low, high], [a]) => [Math.min(low, a), Math.max(high, a)], [Infinity, -Infinity]);
@@ -153,7 +154,7 @@ const sinewFigures = (report) => {
   };
   // Bars [{name, points: [[category, y], …], style, dashed, ends: [[category, low, high], …]}] over an axis of categories.
   const bars = (name, title, { x, y, categories, series }) => ({
-    name, title, alt: `${title}: ${y} for each ${x}, ${series.length} bar(s) each: ${series.map((one) => one.name).join(', ')}`,
+    name, title, alt: `${title}: ${y} for each ${x}, ${counted(series.length, 'bar')} each: ${series.map((one) => one.name).join(', ')}`,
     option: ({ ink }) => {
       const gaps = { barGap: '10%', barCategoryGap: '25%' };
       const place = (category) => categories.indexOf(category);
@@ -367,7 +368,7 @@ const sinewFigures = (report) => {
         data: path.filter(has).map((p) => [p[across][k][1], p[up][k][1], times[k]]),
       });
       return [{
-        name: `stick_figure_${side}`, title: `Bones and muscles every 0.1 s, from the ${side} (Figure 5)`, alt: `Bones and paths of ${ofMuscles.length} muscle(s) from the ${side} at ${kept.length} instants`, rem: 26,
+        name: `stick_figure_${side}`, title: `Bones and muscles every 0.1 s, from the ${side} (Figure 5)`, alt: `Bones and paths of ${counted(ofMuscles.length, 'muscle')} from the ${side} at ${kept.length} instants`, rem: 26,
         option: ({ ink, width, height, still }) => {
           const [wide, high] = [width - GRID.left - (still ? LEGEND : GRID.right), height - GRID.top - GRID.bottom];
           const scale = 1.08 * Math.max((h[1] - h[0]) / wide, (v[1] - v[0]) / high, 1e-6);
@@ -389,5 +390,5 @@ const sinewFigures = (report) => {
 
   const curves = () => report.curves.map((curve) => lines(slug(curve.title), `${curve.title} (${curve.figure})`, { x: curve.x, y: curve.y, series: [{ name: curve.title, points: curve.points }], symbols: false }));
 
-  return { now, jobs, regularity, muscles, axes, muscleNames, MEASURES, distinct, exact, short, withUnit, axisName, slug, chartOption, ofLoads, loads, firstJob, ofJob, curves };
+  return { now, jobs, regularity, muscles, axes, muscleNames, MEASURES, counted, distinct, exact, short, withUnit, axisName, slug, chartOption, ofLoads, loads, firstJob, ofJob, curves };
 };

@@ -5,6 +5,7 @@
 //! the figures, for both the page and the SVG files.
 
 mod data;
+#[cfg(feature = "figures")]
 pub mod svg;
 
 use std::collections::BTreeMap;
@@ -44,9 +45,16 @@ impl<'a> Report<'a> {
     /// The figures as SVG texts, by file name; see [`svg::figures`].
     ///
     /// # Errors
-    /// If no job has the number `job`.
+    /// If there is no job number `job`, or this build has no `figures` feature.
     pub fn figures(&self, job: Option<u64>) -> Result<BTreeMap<String, String>> {
-        svg::figures(self.dir, &self.data, job)
+        #[cfg(feature = "figures")]
+        return svg::figures(self.dir, &self.data, job);
+        #[cfg(not(feature = "figures"))]
+        {
+            let number = job.map(|job| format!(" (job {job})")).unwrap_or_default();
+            let reason = format!("this build was made without the feature `figures`{number}; the page has them too");
+            Err(Error::table("draw the figures of", self.dir, reason))
+        }
     }
 
     /// The page as HTML.

@@ -6,7 +6,7 @@
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
   const report = JSON.parse(await new Response(stream).text());
   const figures = sinewFigures(report);
-  const { now, jobs, regularity, axes, distinct, exact, short, withUnit, axisName, slug } = figures;
+  const { now, jobs, regularity, axes, counted, distinct, exact, short, withUnit, axisName, slug } = figures;
   const dark = window.matchMedia('(prefers-color-scheme: dark)');
 
   // ---- page elements ------------------------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@
     entry('Model', `${study.model.file} (${study.model.hash})`),
     entry('Motion', `${study.motion.file} (${study.motion.hash.slice(0, 16)})`),
     entry('Solver', `sinew ${report.sinew.version}, ${report.sinew.solver}`),
-    entry('Host', [report.host.name, report.host.os, report.host.arch, report.host.threads ? `${report.host.threads} thread(s)` : null].filter(Boolean).join(', ')),
+    entry('Host', [report.host.name, report.host.os, report.host.arch, report.host.threads ? counted(report.host.threads, 'thread') : null].filter(Boolean).join(', ')),
     ...report.axes.map((axis) => {
       const values = jobs.has(axis) ? distinct(jobs.values(axis)) : [];
       const shown = values.length > 12 ? `${values.length} values, ${short(values[0])} to ${short(values[values.length - 1])}` : values.map(short).join(', ');
@@ -97,21 +97,21 @@
   const total = (name) => jobs.values(name).reduce((sum, value) => sum + (value ?? 0), 0);
   const counts = [...statuses].sort((a, b) => b[1].length - a[1].length).map(([status, rows]) => `${rows.length} ${status}`);
   went.append(make('p', { id: 'counts' }, jobs.rows
-    ? `${jobs.rows} of ${report.planned} job(s) finished: ${counts.join(', ')}. Total time ${short(total('wall_s'))} s.`
-    : `None of ${report.planned} job(s) have finished, or their tables do not exist yet (sinew merge creates them): there is nothing to draw.`));
+    ? `${jobs.rows} of ${report.planned} jobs finished: ${counts.join(', ')}. Total time ${short(total('wall_s'))} s.`
+    : `None of ${report.planned} jobs have finished, or their tables do not exist yet (sinew merge creates them): there is nothing to draw.`));
   const doubtful = jobs.has('warnings') ? jobs.values('warnings').map((codes) => (codes ? codes.split(', ') : [])) : [];
   if (doubtful.some((codes) => codes.length)) {
     const kinds = report.warnings.map((kind) => ({ ...kind, count: doubtful.filter((codes) => codes.includes(kind.code)).length })).filter(({ count }) => count);
-    went.append(make('p', { id: 'warnings', class: 'bad' }, `${doubtful.filter((codes) => codes.length).length} job(s) with warnings: a converged job is not necessarily plausible.`),
+    went.append(make('p', { id: 'warnings', class: 'bad' }, `${counted(doubtful.filter((codes) => codes.length).length, 'job')} with warnings: a converged job is not necessarily plausible.`),
       make('ul', {}, ...kinds.map(({ code, count, limit, remedy }) => make('li', {}, make('b', {}, code), ` (${count}): ${limit}. ${remedy[0].toUpperCase()}${remedy.slice(1)}.`))));
   }
   for (const note of report.notes) went.append(make('p', { class: 'soft' }, note));
   const failures = [];
   for (let row = 0; row < jobs.rows; row++) if (jobs.at('error', row)) failures.push([jobLink(row), jobs.at('status', row), jobs.at('error', row)]);
-  if (failures.length) went.append(grid(`${failures.length} failed job(s)${failures.length > 50 ? ', the first 50' : ''}`, ['job', 'status', 'reason'], failures.slice(0, 50).map(([link, ...rest]) => [make('td', {}, link), ...rest])));
+  if (failures.length) went.append(grid(`${counted(failures.length, 'failed job')}${failures.length > 50 ? ', the first 50' : ''}`, ['job', 'status', 'reason'], failures.slice(0, 50).map(([link, ...rest]) => [make('td', {}, link), ...rest])));
   if (regularity.has('loads_unique')) {
     const verdicts = regularity.values('loads_unique').filter((verdict) => verdict !== null);
-    went.append(make('p', {}, `Muscle loads are unique in ${verdicts.filter(Boolean).length} of ${verdicts.length} converged job(s) with a verdict. Each verdict applies to the optimum found; there may be others.`));
+    went.append(make('p', {}, `Muscle loads are unique in ${verdicts.filter(Boolean).length} of ${counted(verdicts.length, 'converged job')} with a verdict. Each verdict applies to the optimum found; there may be others.`));
   }
 
   function jobLink(row) { return make('a', { href: `#job=${jobs.at('job_id', row)}` }, exact(jobs.at('index', row))); }
@@ -124,7 +124,7 @@
     byId('drift').append(make('p', {}, `Compared with ${folder}: ${Object.entries(changed).map(([kind, n]) => `${n} ${kind}`).join(', ') || 'no jobs in common'}.`));
     for (const name of gone) byId('drift').append(make('p', { class: 'bad' }, `${name} is only in the baseline.`));
     if (changes.length) {
-      byId('drift').append(grid(`${changes.length} changed cell(s)`, ['job', 'table', 'row', 'column', 'baseline', 'now', 'tolerance'],
+      byId('drift').append(grid(`${counted(changes.length, 'changed cell')}`, ['job', 'table', 'row', 'column', 'baseline', 'now', 'tolerance'],
         changes.slice(0, 500).map((c) => [make('td', {}, make('a', { href: `#job=${c.job_id}` }, exact(c.job))), c.table, c.row, c.column, exact(c.baseline), exact(c.found), c.tolerance])));
     }
   }
@@ -211,7 +211,7 @@
     });
     const body = rows.slice(view.page * PAGE, (view.page + 1) * PAGE).map((row) => make('tr', { class: jobs.at('job_id', row) === view.job ? 'chosen' : null, 'data-job': jobs.at('job_id', row) },
       make('td', {}, jobLink(row)), ...shownColumns.slice(1).map((name) => cell(value(row, name), name === 'status' && value(row, name) !== 'converged' ? { class: 'bad text' } : {}))));
-    byId('jobs').replaceChildren(make('table', {}, make('caption', {}, `${rows.length} job(s), page ${view.page + 1} of ${pages}`), make('thead', {}, make('tr', {}, ...head)), make('tbody', {}, ...body)));
+    byId('jobs').replaceChildren(make('table', {}, make('caption', {}, `${counted(rows.length, 'job')}, page ${view.page + 1} of ${pages}`), make('thead', {}, make('tr', {}, ...head)), make('tbody', {}, ...body)));
   };
   const drawJobsChoice = () => {
     const filter = make('input', { type: 'search', id: 'filter', placeholder: 'e.g. converged 0.2', oninput: () => { view.filter = filter.value; view.page = 0; drawJobs(); } });

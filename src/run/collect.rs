@@ -8,6 +8,7 @@ use super::folder::{Hold, claim, table};
 use super::manifest::{self, Manifest, file_hash};
 use super::store::Store;
 use crate::error::{Error, Result};
+use crate::names::counted;
 use crate::outcome::{Outcome, Status};
 use crate::study::{Job, Study};
 use crate::tables::Writer;
@@ -98,7 +99,7 @@ pub fn merge(folder: &Path) -> Result<(Study, Collected)> {
         return Err(Error::table("merge", folder, reason));
     }
     if store.damaged > 0 {
-        note(&format!("note: {} damaged line(s) in {} skipped", store.damaged, folder.display()));
+        note(&format!("note: skipped {} in {}", counted(store.damaged, "damaged line"), folder.display()));
     }
     let collected = write_tables(&study, &mut store, folder)?;
     Ok((study, collected))

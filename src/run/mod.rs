@@ -24,6 +24,7 @@ use rayon::prelude::*;
 use crate::SOLVER;
 use crate::error::{Error, Result};
 use crate::model::Model;
+use crate::names::counted;
 use crate::outcome::{Outcome, Status};
 use crate::solve::{Task, solve_from};
 use crate::study::file::OnFailure;
@@ -343,8 +344,8 @@ fn retry_failed(study: &Study, session: &mut Session<'_>, pool: &rayon::ThreadPo
         return Ok(());
     }
     terminal::note(&format!(
-        "{} job(s) failed: retrying them by continuation from their nearest solved neighbours",
-        failed.len()
+        "{} failed: retrying by continuation from the nearest solved neighbours",
+        counted(failed.len(), "job")
     ));
     session.progress = Progress::new(failed.len());
     session.work(pool, &failed, |(job, first), finish| {
@@ -436,7 +437,10 @@ fn version_note(study: &Study, store: &Store) -> Option<String> {
     others.dedup();
     let names = others.join(", ");
     (count > 0).then(|| {
-        format!("{count} kept result(s) are from solver {names}, this is {SOLVER}: --outdated recomputes them")
+        format!(
+            "results of {} are from solver {names}, this is {SOLVER}: --outdated renews them",
+            counted(count, "job")
+        )
     })
 }
 

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::store::Store;
 use super::{Solver, solve_catching};
+use crate::names::counted;
 use crate::outcome::{Outcome, Status};
 use crate::study::change::ModelChange;
 use crate::study::settings::Value;
@@ -38,10 +39,11 @@ pub fn retry(study: &Study, job: &Job, first: Outcome, solved: &[&Job], solver: 
     });
     let mut tried = Vec::new();
     for neighbour in near.into_iter().take(NEIGHBOURS) {
-        tried.push(neighbour.index.to_string());
+        tried.push(format!("job {}", neighbour.index));
         for steps in STEPS {
             if let Some(mut outcome) = continuation(study, neighbour, job, steps, solver) {
-                let remark = format!("solved by continuation from job {} in {steps} step(s)", neighbour.index);
+                let remark =
+                    format!("solved by continuation from job {} in {}", neighbour.index, counted(steps, "step"));
                 outcome.job.remark = Some(match outcome.job.remark.take() {
                     Some(own) => format!("{own}; {remark}"),
                     None => remark,
@@ -54,7 +56,7 @@ pub fn retry(study: &Study, job: &Job, first: Outcome, solved: &[&Job], solver: 
     let mut outcome = first;
     let note = match tried.is_empty() {
         true => "no solved job from which a continuation could start".to_owned(),
-        false => format!("continuation from job(s) {} did not help", tried.join(", ")),
+        false => format!("continuation from {} did not help", tried.join(", ")),
     };
     outcome.job.error = Some(outcome.job.error.map_or(note.clone(), |error| format!("{error}; {note}")));
     outcome

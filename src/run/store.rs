@@ -19,6 +19,7 @@ use super::folder::is_held;
 use crate::SOLVER;
 use crate::error::{Error, Result};
 use crate::files::partial;
+use crate::names::counted;
 use crate::outcome::{Outcome, Status};
 use crate::terminal::note;
 
@@ -191,7 +192,7 @@ impl Store {
         store.own = Some(OwnFile { place: store.files.len() - 1, file, end });
         if store.damaged > 0 {
             let (count, folder) = (store.damaged, folder.display());
-            note(&format!("note: {count} damaged line(s) in {folder}: their jobs are run again"));
+            note(&format!("note: {} in {folder}: their jobs run again", counted(count, "damaged line")));
         }
         Ok(store)
     }

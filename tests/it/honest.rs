@@ -354,7 +354,7 @@ fn only_converged_jobs_have_verdicts() {
     );
     let sensitivities = table("sensitivities");
     assert!((0..sensitivities.rows()).all(|row| sensitivities.text("job_id", row) == table("jobs").text("job_id", 1)));
-    assert!(said.contains("0 (iteration_limit)"), "{said}");
+    assert!(said.contains("job 0: iteration_limit"), "{said}");
 }
 
 /// Each kind of warning on a job that deserves it, and none on one that does not; a limit may be set.
@@ -381,7 +381,9 @@ fn every_kind_of_warning_is_given_where_it_belongs() {
         let (table, said) = run(elbow_study(&base.replace("h = 0.2", ""), "", to));
         let codes = table("jobs").text("warnings", 0).unwrap_or("").to_owned();
         assert!(codes.split(", ").any(|found| found == code), "{code}: found `{codes}`, {said}");
-        assert!(said.contains(&format!("{code} (1)")) && table("jobs").text("remark", 0).unwrap().contains(code));
+        assert!(
+            said.contains(&format!("{code}: 1 job (0)")) && table("jobs").text("remark", 0).unwrap().contains(code)
+        );
         assert!(KINDS.iter().any(|kind| kind.code == code));
     }
     // A limit of one's own: nothing is said any more.

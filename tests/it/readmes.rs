@@ -26,10 +26,15 @@ fn readmes_quote_what_commands_print() {
         while let Some(start) = rest.find("<!-- sinew ") {
             let command = &rest[start + "<!-- sinew ".len()..];
             let (command, _) = command.split_once(" -->").unwrap();
-            let end = start + rest[start..].find("<!-- end -->").unwrap_or_else(|| panic!("{path}: {command} has no end"));
+            let end =
+                start + rest[start..].find("<!-- end -->").unwrap_or_else(|| panic!("{path}: {command} has no end"));
             let printed = sinew(&command.split(' ').collect::<Vec<&str>>(), &root());
             assert!(printed.status.success(), "{command}: {}", text(&printed.stderr));
-            after.push_str(&format!("{}<!-- sinew {command} -->\n{}\n", &rest[..start], text(&printed.stdout).trim_end()));
+            after.push_str(&format!(
+                "{}<!-- sinew {command} -->\n{}\n",
+                &rest[..start],
+                text(&printed.stdout).trim_end()
+            ));
             rest = &rest[end..];
             blocks += 1;
         }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::{Extent, Results};
 use crate::cli::layout::wrapped;
+use crate::names::counted;
 use crate::plausibility::KINDS;
 use crate::terminal::{heading, print as say, warning};
 
@@ -20,7 +21,7 @@ pub fn print(results: &Results, dir: &Path, extent: Extent) {
         *counts.entry(jobs.text("status", row).unwrap_or("?")).or_default() += 1;
     }
     let counts: Vec<String> = counts.iter().map(|(status, count)| format!("{count} {status}")).collect();
-    say(&heading(&format!("{} jobs finished: {}", jobs.rows(), counts.join(", "))));
+    say(&heading(&format!("{} finished: {}", counted(jobs.rows(), "job"), counts.join(", "))));
     failures(results, extent);
     warnings(results, dir);
 }
@@ -60,7 +61,7 @@ fn warnings(results: &Results, dir: &Path) {
         }
         let kind = KINDS.iter().find(|kind| kind.code == code);
         let (limit, remedy) = kind.map_or(("", ""), |kind| (kind.limit, kind.remedy));
-        say(&wrapped(&format!("  {code}: {} jobs ({}); {limit}", rows.len(), named.join(", ")), "      "));
+        say(&wrapped(&format!("  {code}: {} ({}); {limit}", counted(rows.len(), "job"), named.join(", ")), "      "));
         say(&wrapped(&format!("    → {remedy}"), "      "));
     }
     let file = dir.join("jobs.parquet");

@@ -248,9 +248,9 @@ fn a_part_of_a_thousand_jobs_is_there_to_look_at() {
     let figure = "mean_force_n-over-mu-All_muscles";
     let ask = Ask { sort: Some("effort".to_owned()), hover: Some(figure.to_owned()), ..Ask::default() };
     let seen = look(browser, &page, &out, &ask);
-    assert!(seen.counts.starts_with("20 of 1000 job(s) finished: 20 converged"), "{}", seen.counts);
+    assert!(seen.counts.starts_with("20 of 1000 jobs finished: 20 converged"), "{}", seen.counts);
     let said = &seen.warnings;
-    assert!(said.contains("job(s) with warnings") && said.contains("fibre_length (") && said.contains("does not fit"));
+    assert!(said.contains("jobs with warnings") && said.contains("fibre_length (") && said.contains("does not fit"));
     has(&seen.figures, &[figure, "ratio-over-mu-biceps_to_brachialis_mean_force", "convergence", "singular_values"]);
 
     // What appears over the points of the first muscle is what the files say.
@@ -363,7 +363,7 @@ fn folders_with_failures_with_one_job_and_with_none_have_sensible_pages() {
             match name {
                 "failed" => assert!(seen.failures > 0 && seen.counts.contains("iteration_limit"), "{}", seen.counts),
                 "single" => {
-                    assert!(seen.counts.starts_with("1 of 1 job(s) finished: 1 converged") && !shows("h-loads"));
+                    assert!(seen.counts.starts_with("1 of 1 jobs finished: 1 converged") && !shows("h-loads"));
                 }
                 _ => assert!(
                     seen.counts.starts_with("None of 6") && !["h-jobs", "h-job", "h-loads"].into_iter().any(shows),
