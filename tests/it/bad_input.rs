@@ -1,4 +1,4 @@
-//! Broken files: each gets a message with place and remedy, exit code 2, and no panic.
+//! Invalid input files: each causes a message with place and remedy, exit code 2, and no panic.
 
 use sinew::error::SourceFile;
 use sinew::motion::MotionTable;
@@ -11,7 +11,7 @@ struct Mistake {
     study: String,
     model: Option<String>,
     motion: Option<(&'static str, String)>,
-    /// What the message must hold: the place, what was found, the remedy.
+    /// What the message must contain: the place, what was found, the remedy.
     says: &'static [&'static str],
 }
 
@@ -342,7 +342,7 @@ fn each_mistake_gets_a_message_with_place_and_remedy() {
             std::fs::write(folder.path().join(file), motion).unwrap();
         }
         let run = sinew(&["run", "study.toml"], folder.path());
-        // Lines are wrapped and framed for people: compare without the frame.
+        // Messages are wrapped and framed for readability: compare without the frame.
         let message: String = text(&run.stderr)
             .chars()
             .filter(|c| !"│╭╰─╯┬·×".contains(*c))
@@ -371,7 +371,7 @@ fn opensim_tables_are_read_in_any_column_order() {
     assert!(text(&plan.stdout).contains("5 instants"));
 }
 
-/// What spreadsheets, pandas and OpenSim add to a table changes nothing.
+/// What spreadsheets, pandas and OpenSim add to a table has no effect.
 #[test]
 fn tables_are_read_as_other_programs_write_them() {
     let plain = "time,shoulder_angle_deg,elbow_angle_deg\n1.25,1,10\n1.5,1,20\n1.75,1,30\n2.25,1,40\n";
@@ -405,7 +405,7 @@ fn tables_are_read_as_other_programs_write_them() {
     }
 }
 
-/// The tables say the time of the file, and `check` what a motion holds.
+/// The tables keep the times of the motion file, and `check` shows what a motion contains.
 #[test]
 fn the_clock_of_the_file_is_kept() {
     let mut table = "time,shoulder_angle_deg,elbow_angle_deg\n".to_owned();
@@ -438,7 +438,7 @@ fn a_value_far_from_the_models_own_may_be_confirmed() {
     );
 }
 
-/// A hole in a motion is interpolated, and said.
+/// A gap in a motion is interpolated and reported.
 #[test]
 fn a_gap_of_a_motion_is_named() {
     let mut table = "time,shoulder_angle_deg,elbow_angle_deg\n".to_owned();
