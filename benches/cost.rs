@@ -42,7 +42,8 @@ fn main() {
             continue;
         }
         println!(
-            "{name}: {} of {} converged; medians: {:.0} iterations, {:.0} factorisations, {:.1} ms, {:.0} units; {:.1} s in all",
+            "{name}: {} of {} converged; medians: {:.0} iterations, {:.0} factorisations, {:.1} ms, {:.0} units; \
+             {:.1} s in total",
             of().filter(|cost| cost.converged).count(),
             of().count(),
             median(of().map(|cost| cost.iterations as f64)),

@@ -168,7 +168,8 @@ fn mistakes() -> Vec<Mistake> {
         study(
             "two axes for one thing",
             "[sweep.grid]",
-            "[sweep.zip]\n'muscle.*.optimal_fibre_length_scale' = [1.1]\n'muscle.biceps.optimal_fibre_length_scale' = [1.2]\n[sweep.grid]",
+            "[sweep.zip]\n'muscle.*.optimal_fibre_length_scale' = [1.1]\n\
+             'muscle.biceps.optimal_fibre_length_scale' = [1.2]\n[sweep.grid]",
             &["both set muscle.biceps.optimal_fibre_length", "[[sweep]]"],
         ),
         study(
@@ -186,7 +187,8 @@ fn mistakes() -> Vec<Mistake> {
         study(
             "an unquoted path in a sample",
             "[sweep.grid]",
-            "[sweep.sample]\ncount = 3\nseed = 1\nmuscle.biceps.optimal_fibre_length = { from = 1, to = 2 }\n[sweep.grid]",
+            "[sweep.sample]\ncount = 3\nseed = 1\nmuscle.biceps.optimal_fibre_length = { from = 1, to = 2 }\n\
+             [sweep.grid]",
             &["quote the whole name"],
         ),
         study(
@@ -312,7 +314,8 @@ fn mistakes() -> Vec<Mistake> {
         study(
             "a list and a number in it",
             "[sweep.grid]",
-            "[sweep.grid]\n\"muscle.biceps.path.0.point_scale\" = [1.0, 1.1]\n\"muscle.biceps.path.0.point.0\" = [0.02, 0.03]",
+            "[sweep.grid]\n\"muscle.biceps.path.0.point_scale\" = [1.0, 1.1]\n\
+             \"muscle.biceps.path.0.point.0\" = [0.02, 0.03]",
             &["muscle.biceps.path.0.point_scale", "both set muscle.biceps.path.0.point.0"],
         ),
         study(
@@ -324,7 +327,8 @@ fn mistakes() -> Vec<Mistake> {
         study(
             "one number absolute and by a factor",
             "[sweep.grid]",
-            "[sweep.grid]\n\"muscle.triceps.max_isometric_force\" = [1200, 1300]\n\"muscle.triceps.max_isometric_force_scale\" = [1, 1.1]",
+            "[sweep.grid]\n\"muscle.triceps.max_isometric_force\" = [1200, 1300]\n\
+             \"muscle.triceps.max_isometric_force_scale\" = [1, 1.1]",
             &["muscle.triceps.max_isometric_force", "_scale"],
         ),
         motion("no inDegrees", "m.sto", "name\nendheader\ntime elbow_angle\n0 1\n", &["m.sto:1", "inDegrees"]),

@@ -196,7 +196,8 @@ fn a_swept_value_replaces_the_fixed_one() {
     let text = SMALL.replace(
         "[sweep.grid]",
         "\"muscle.triceps.max_isometric_force_scale\" = 1.2\n\"muscle.biceps.max_isometric_force\" = 500\n\
-         [sweep.grid]\n\"muscle.triceps.max_isometric_force_scale\" = [0.5]\n\"muscle.biceps.max_isometric_force\" = [100.0]",
+         [sweep.grid]\n\"muscle.triceps.max_isometric_force_scale\" = [0.5]\n\
+         \"muscle.biceps.max_isometric_force\" = [100.0]",
     );
     let folder = folder(&[("study.toml", &text)]);
     let (_, study) = study(&folder);

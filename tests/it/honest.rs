@@ -25,15 +25,20 @@ fn osim(more: &str, forces: &str, body: &str, joint: &str) -> String {
 }
 
 const BODY: &str = "<mass>1.6</mass><mass_center>0 -0.17 0</mass_center><inertia>0.018 0.002 0.018 0 0 0</inertia>";
-const HINGE: &str = "<PinJoint name=\"elbow\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/fore</socket_child_frame><coordinates><Coordinate name=\"elbow_angle\"><range>0 2</range></Coordinate></coordinates></PinJoint>";
+const HINGE: &str = "<PinJoint name=\"elbow\"><socket_parent_frame>/ground</socket_parent_frame>\
+    <socket_child_frame>/bodyset/fore</socket_child_frame><coordinates><Coordinate name=\"elbow_angle\">\
+    <range>0 2</range></Coordinate></coordinates></PinJoint>";
 
 fn muscle(name: &str) -> String {
     format!(
         "<Thelen2003Muscle name=\"{name}\"><GeometryPath name=\"p\"><PathPointSet><objects>\
-         <PathPoint name=\"a\"><socket_parent_frame>/ground</socket_parent_frame><location>0.03 0.3 0</location></PathPoint>\
-         <PathPoint name=\"b\"><socket_parent_frame>/bodyset/fore</socket_parent_frame><location>0.015 -0.045 0</location></PathPoint>\
+         <PathPoint name=\"a\"><socket_parent_frame>/ground</socket_parent_frame><location>0.03 0.3 0</location>\
+         </PathPoint>\
+         <PathPoint name=\"b\"><socket_parent_frame>/bodyset/fore</socket_parent_frame>\
+         <location>0.015 -0.045 0</location></PathPoint>\
          </objects></PathPointSet></GeometryPath><max_isometric_force>600</max_isometric_force>\
-         <optimal_fiber_length>0.13</optimal_fiber_length><tendon_slack_length>0.2</tendon_slack_length></Thelen2003Muscle>"
+         <optimal_fiber_length>0.13</optimal_fiber_length><tendon_slack_length>0.2</tendon_slack_length>\
+         </Thelen2003Muscle>"
     )
 }
 
@@ -58,8 +63,10 @@ fn has_note(imported: &Imported, weight: Weight, what: &str, lost: &str) -> bool
 #[test]
 fn components_of_a_model_are_read_and_others_named() {
     let components = format!(
-        "<components>{}<Body name=\"hand\">{BODY}</Body><WeldJoint name=\"wrist\"><socket_parent_frame>/bodyset/fore</socket_parent_frame>\
-         <socket_child_frame>/hand</socket_child_frame></WeldJoint><SmoothSphereHalfSpaceForce name=\"heel\"/><Gadget name=\"g\"/></components>",
+        "<components>{}<Body name=\"hand\">{BODY}</Body><WeldJoint name=\"wrist\">\
+         <socket_parent_frame>/bodyset/fore</socket_parent_frame>\
+         <socket_child_frame>/hand</socket_child_frame></WeldJoint><SmoothSphereHalfSpaceForce name=\"heel\"/>\
+         <Gadget name=\"g\"/></components>",
         muscle("in_components")
     );
     let found = imported(osim(&components, "", BODY, HINGE));
@@ -74,7 +81,8 @@ fn components_of_a_model_are_read_and_others_named() {
 #[test]
 fn what_opensim_writes_and_is_no_xml_is_read_all_the_same() {
     let plain = osim("", "", BODY, HINGE);
-    let contact = "<HuntCrossleyForce name=\"foot\"><HuntCrossleyForce::ContactParametersSet><objects/></HuntCrossleyForce::ContactParametersSet></HuntCrossleyForce>";
+    let contact = "<HuntCrossleyForce name=\"foot\"><HuntCrossleyForce::ContactParametersSet><objects/>\
+        </HuntCrossleyForce::ContactParametersSet></HuntCrossleyForce>";
     let found = imported(osim("", contact, BODY, HINGE));
     assert!(has_note(&found, Weight::Lost, "foot", "contact"));
     for (from, to) in
@@ -125,7 +133,8 @@ fn joints_are_what_they_are_or_an_error_that_names_them() {
             ("", "<function><Constant><value>0</value></Constant></function>")
         };
         format!(
-            "<TransformAxis name=\"{name}\"><coordinates>{coordinate}</coordinates><axis>{axis}</axis>{function}</TransformAxis>"
+            "<TransformAxis name=\"{name}\"><coordinates>{coordinate}</coordinates>\
+             <axis>{axis}</axis>{function}</TransformAxis>"
         )
     };
     let names = ["rotation1", "rotation2", "rotation3", "translation1", "translation2", "translation3"];
@@ -148,7 +157,9 @@ fn joints_are_what_they_are_or_an_error_that_names_them() {
     assert_eq!(found.file.joint.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>(), ["elbow", "elbow_2"]);
     assert!(has_note(&found, Weight::Remark, "joint elbow", "elbow_2"));
     // A pelvis with three planar coordinates is a floating base.
-    let planar = "<PlanarJoint name=\"pelvis\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/fore</socket_child_frame><coordinates><Coordinate name=\"tilt\"/><Coordinate name=\"tx\"/><Coordinate name=\"ty\"/></coordinates></PlanarJoint>";
+    let planar = "<PlanarJoint name=\"pelvis\"><socket_parent_frame>/ground</socket_parent_frame>\
+        <socket_child_frame>/bodyset/fore</socket_child_frame><coordinates><Coordinate name=\"tilt\"/>\
+        <Coordinate name=\"tx\"/><Coordinate name=\"ty\"/></coordinates></PlanarJoint>";
     let found = imported(osim("", "", BODY, planar));
     assert_eq!(found.file.body[0].role, sinew::skeleton::Role::Given);
 }
@@ -183,10 +194,12 @@ fn what_is_mended_keeps_its_references() {
         sphere("a", 0.02),
         sphere("a_2", 0.03)
     );
-    let wrap = "</PathPointSet><PathWrapSet><objects><PathWrap name=\"w\"><wrap_object>a_2</wrap_object><range>3 4</range></PathWrap></objects></PathWrapSet>";
+    let wrap = "</PathPointSet><PathWrapSet><objects><PathWrap name=\"w\"><wrap_object>a_2</wrap_object>\
+        <range>3 4</range></PathWrap></objects></PathWrapSet>";
     let point = |x: &str| {
         format!(
-            "<PathPoint name=\"p\"><socket_parent_frame>/ground</socket_parent_frame><location>{x} 0.3 0</location></PathPoint>"
+            "<PathPoint name=\"p\"><socket_parent_frame>/ground</socket_parent_frame><location>{x} 0.3 0</location>\
+             </PathPoint>"
         )
     };
     // Four points, of which the first two coincide: the range refers to parts by their points.
@@ -246,10 +259,15 @@ fn a_study_in_which_nothing_moves_is_refused_and_given_muscles_stop_none() {
     // A muscle between the ground and a body with a given motion has a conditional point: its length needs no
     // derivatives.
     let base = format!("<components><Body name=\"base\">{BODY}</Body></components>");
-    let free = "<FreeJoint name=\"free\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/base</socket_child_frame><coordinates><Coordinate name=\"c0\"/><Coordinate name=\"c1\"/><Coordinate name=\"c2\"/><Coordinate name=\"c3\"/><Coordinate name=\"c4\"/><Coordinate name=\"c5\"/></coordinates></FreeJoint>";
+    let free = "<FreeJoint name=\"free\"><socket_parent_frame>/ground</socket_parent_frame>\
+        <socket_child_frame>/base</socket_child_frame><coordinates><Coordinate name=\"c0\"/><Coordinate name=\"c1\"/>\
+        <Coordinate name=\"c2\"/><Coordinate name=\"c3\"/><Coordinate name=\"c4\"/><Coordinate name=\"c5\"/>\
+        </coordinates></FreeJoint>";
     let conditional = muscle("given").replace("/bodyset/fore", "/base").replace(
         "</objects></PathPointSet>",
-        "<ConditionalPathPoint name=\"c\"><socket_parent_frame>/base</socket_parent_frame><location>0.1 0 0</location><socket_coordinate>/jointset/elbow/elbow_angle</socket_coordinate><range>0 1</range></ConditionalPathPoint></objects></PathPointSet>",
+        "<ConditionalPathPoint name=\"c\"><socket_parent_frame>/base</socket_parent_frame>\
+         <location>0.1 0 0</location><socket_coordinate>/jointset/elbow/elbow_angle</socket_coordinate>\
+         <range>0 1</range></ConditionalPathPoint></objects></PathPointSet>",
     );
     let model = skeleton(osim(&base, &conditional, BODY, &format!("{HINGE}{free}")));
     assert!(model.check_study().is_ok(), "{:?}", model.obstacles());
@@ -265,7 +283,8 @@ fn check_lists_all_mistakes_and_all_obstacles() {
         .replacen("mass = ", "mass = -", 1)
         .replacen("tendon_slack_length = ", "tendon_slack_length = -", 2)
         .replacen("[[muscle]]\n", "[[muscle]]\ncolour = 3\n", 2);
-    let study = "name = 's'\nmodel = '{root}/data/models/arm.toml'\nmotion = '{root}/data/motions/arm_curl.csv'\n[base]\nh = -1\nmue = 3\nbounds = 'all'\n";
+    let study = "name = 's'\nmodel = '{root}/data/models/arm.toml'\nmotion = '{root}/data/motions/arm_curl.csv'\n\
+        [base]\nh = -1\nmue = 3\nbounds = 'all'\n";
     let folder = folder(&[("model.toml", &wrong), ("study.toml", study)]);
     let said = |file: &str| text(&sinew(&["check", file], folder.path()).stderr);
     assert_eq!(said("model.toml").matches("unknown field `colour`").count(), 2, "{}", said("model.toml"));
@@ -340,7 +359,8 @@ fn run(folder: tempfile::TempDir) -> (impl Fn(&'static str) -> Table, String) {
 fn only_converged_jobs_have_verdicts() {
     let (table, said) = run(elbow_study(
         "bounds = 'both_boxed'",
-        "[sweep.grid]\nmax_iterations = [2, 300]\n[[ratio]]\nname = 'r'\nnumerator = 'flexor'\ndenominator = 'extensor'",
+        "[sweep.grid]\nmax_iterations = [2, 300]\n[[ratio]]\nname = 'r'\nnumerator = 'flexor'\n\
+         denominator = 'extensor'",
         80.0,
     ));
     let (regularity, muscles, ratios) = (table("regularity"), table("muscles"), table("ratios"));
@@ -390,7 +410,8 @@ fn every_kind_of_warning_is_given_where_it_belongs() {
     // With a limit of the user's own there is no warning.
     let quiet = run(elbow_study(
         &format!(
-            "mu = 0.05\nbounds = 'both'\nwarn.saturated = 0.9\nwarn.mesh = 10\n{weak}\nwarn.tracking_deg = 1e3\nwarn.tracking_mm = 1e6"
+            "mu = 0.05\nbounds = 'both'\nwarn.saturated = 0.9\nwarn.mesh = 10\n{weak}\nwarn.tracking_deg = 1e3\n\
+             warn.tracking_mm = 1e6"
         ),
         "",
         80.0,
@@ -415,10 +436,12 @@ fn val_mesh_errors_are_those_that_refinement_shows() {
     ];
     for (model, motion, h, stages) in cases {
         let head = format!(
-            "name = 's'\nmodel = '{{root}}/data/models/{model}.toml'\nmotion = '{{root}}/data/motions/{motion}'\n[base]\nregularity = 'off'\nmeasurement_ratio = 8\n"
+            "name = 's'\nmodel = '{{root}}/data/models/{model}.toml'\nmotion = '{{root}}/data/motions/{motion}'\n\
+             [base]\nregularity = 'off'\nmeasurement_ratio = 8\n"
         );
         let sweep = format!(
-            "[[sweep.list]]\nh = {h}\nstages = {stages}\n[[sweep.list]]\nh = 0.025\nstages = 3\nmeasurement_ratio = {}\n",
+            "[[sweep.list]]\nh = {h}\nstages = {stages}\n[[sweep.list]]\nh = 0.025\nstages = 3\n\
+             measurement_ratio = {}\n",
             (8.0 * 0.025 / h.parse::<f64>().unwrap()).max(1.0)
         );
         let folder = folder(&[("study.toml", &format!("{head}{}", sweep.replace(".0\n", "\n")))]);
@@ -483,7 +506,8 @@ fn locked_and_dependent_coordinates_are_named() {
 
 #[test]
 fn limits_of_time_and_memory_hold() {
-    let arm = "name = 's'\nmodel = '{root}/data/models/arm.toml'\nmotion = '{root}/data/motions/arm_curl.csv'\n[base]\nregularity = 'off'\n";
+    let arm = "name = 's'\nmodel = '{root}/data/models/arm.toml'\nmotion = '{root}/data/motions/arm_curl.csv'\n\
+        [base]\nregularity = 'off'\n";
     let solved = |more: &str| {
         let folder = folder(&[("study.toml", &format!("{arm}{more}"))]);
         let (_, study) = study(&folder);
@@ -522,7 +546,8 @@ fn a_planar_loop_refuses_a_motion_that_it_cannot_make() {
         false => format!("{line},-60.0\n"),
     };
     let still: String = turn.lines().filter(|line| !line.starts_with('#')).map(line).collect();
-    let text = "name = 's'\nmodel = '{root}/data/models/pedal.toml'\nmotion = 'still.csv'\n[base]\nh = 0.1\nregularity = 'off'\nmu = 0.1\n";
+    let text = "name = 's'\nmodel = '{root}/data/models/pedal.toml'\nmotion = 'still.csv'\n[base]\nh = 0.1\n\
+        regularity = 'off'\nmu = 0.1\n";
     let folder = folder(&[("study.toml", text), ("still.csv", &still)]);
     let refused = sinew::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
     let said = format!("{:?}", miette::Report::new(refused));

@@ -335,7 +335,9 @@ fn the_command_writes_a_file_never_over_one_and_names_what_is_lost() {
 #[test]
 fn arm26_flexes_its_elbow_with_unique_loads() {
     let root = super::support::root().display();
-    let study = "name = \"arm26\"\nmodel = \"{root}/data/models/arm26.toml\"\nmotion = \"{root}/data/motions/arm26_elbow_flexion.mot\"\n[base]\nh = 0.041666666666666664\nbounds = \"both_boxed\"\nregularity = \"optimum\"\ntrajectories = true\n[sweep.list]\n";
+    let study = "name = \"arm26\"\nmodel = \"{root}/data/models/arm26.toml\"\n\
+        motion = \"{root}/data/motions/arm26_elbow_flexion.mot\"\n[base]\nh = 0.041666666666666664\n\
+        bounds = \"both_boxed\"\nregularity = \"optimum\"\ntrajectories = true\n[sweep.list]\n";
     let study = study.replace("{root}", &root.to_string()).replace(
         "[sweep.list]\n",
         "[[sweep.list]]\nscheme = \"radau\"\nmu = 0.05\n[[sweep.list]]\nscheme = \"midpoint\"\nmu = 0.2\n",

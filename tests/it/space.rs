@@ -26,7 +26,8 @@ fn joint(name: &str, parent: &str, at: &str, child: &str, axes: &[(&str, &str)])
         axes.iter().map(|(name, axis)| format!("{{ coordinate = \"{name}\", axis = {axis} }}")).collect();
     let coordinates: String = axes.iter().map(|(name, _)| format!("[[coordinate]]\nname = \"{name}\"\n")).collect();
     format!(
-        "[[joint]]\nname = \"{name}\"\nkind = \"axes\"\nparent = \"{parent}\"\nchild = \"{child}\"\nparent_point = {at}\nrotations = [{}]\n{coordinates}",
+        "[[joint]]\nname = \"{name}\"\nkind = \"axes\"\nparent = \"{parent}\"\nchild = \"{child}\"\n\
+         parent_point = {at}\nrotations = [{}]\n{coordinates}",
         rotations.join(", ")
     )
 }
@@ -94,7 +95,8 @@ fn state(model: &Model, pose: &[f64], spins: &[[f64; 3]]) -> Vec<f64> {
     let spatial = model.spatial().unwrap();
     let q = spatial.coordinates_of(&spatial.skeleton.frames(pose), None);
     let mut velocities = Vec::new();
-    let mut above: Option<(Vector3<f64>, Vector3<f64>, Vector3<f64>)> = None; // ω, velocity and position of the centre of the body above
+    // ω, velocity and position of the centre of the body above.
+    let mut above: Option<(Vector3<f64>, Vector3<f64>, Vector3<f64>)> = None;
     for (b, spin) in spins.iter().enumerate() {
         let q = &q[PER_BODY * b..PER_BODY * (b + 1)];
         let turn = |x: [f64; 3]| Vector3::from(euler::rotate(&q[3..], x));
@@ -289,7 +291,9 @@ fn poling(girdle: &str, more: &str) -> sinew::study::Study {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("study.toml");
     let text = format!(
-        "name = \"poling\"\nmodel = \"{root}/data/models/upper_limb.toml\"\nmotion = \"{root}/data/motions/double_poling.csv\"\n[base]\ngirdle = \"{girdle}\"\nh = 0.1\nregularity = \"off\"\nbounds = \"both_boxed\"\n{more}"
+        "name = \"poling\"\nmodel = \"{root}/data/models/upper_limb.toml\"\n\
+         motion = \"{root}/data/motions/double_poling.csv\"\n[base]\ngirdle = \"{girdle}\"\nh = 0.1\n\
+         regularity = \"off\"\nbounds = \"both_boxed\"\n{more}"
     );
     std::fs::write(&path, text).unwrap();
     sinew::study::Study::load(&path).unwrap()
@@ -453,7 +457,8 @@ fn muscles_are_ranked_by_their_answer_to_a_change() {
     let folder = super::support::folder(&[]);
     let study = folder.path().join("study.toml");
     let text = format!(
-        "name = \"x\"\nmodel = \"{root}/data/models/arm.toml\"\nmotion = \"{root}/data/motions/arm_curl.csv\"\n[sweep.grid]\nmu = [0.2, 0.4]\n\"muscle.biceps.tendon_slack_length_scale\" = [1.0, 0.9]\n"
+        "name = \"x\"\nmodel = \"{root}/data/models/arm.toml\"\nmotion = \"{root}/data/motions/arm_curl.csv\"\n\
+         [sweep.grid]\nmu = [0.2, 0.4]\n\"muscle.biceps.tendon_slack_length_scale\" = [1.0, 0.9]\n"
     );
     std::fs::write(&study, text).unwrap();
     let out = folder.path().join("out");

@@ -194,7 +194,8 @@ head = 'name = "a"\nmodel = "m"\nmotion = "n"\n'
 for mistake in ['[bse]', '[base]\nmuu = 1', '[base]\nmu = "much"', '[base]\nscheme = "radu"', '[base]\nstages = 4',
                 '[sweep.gird]\nmu = [1]', '[sweep.grid]\nmu = []', '[sweep.grid]\nmu = 1',
                 '[sweep.grid]\nmu = { from = 1, to = 2 }', '[sweep.grid]\nbounds = ["bth"]',
-                '[sweep.sample]\ncount = 3\nmu = { from = 1, to = 2 }', '[sweep.sample]\ncount = 3\nseed = 1\nmethod = "lhs"',
+                '[sweep.sample]\ncount = 3\nmu = { from = 1, to = 2 }',
+                '[sweep.sample]\ncount = 3\nseed = 1\nmethod = "lhs"',
                 '[[ratio]]\nname = "r"\nnumerator = "a"', '[sweep]\nwhen = [{ muu = 1 }]', 'on_failure = "cry"']:
     text = mistake + "\n" + head if mistake.startswith("on_") else head + mistake
     assert list(validator.iter_errors(tomllib.loads(text))), mistake

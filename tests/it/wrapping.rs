@@ -177,18 +177,24 @@ fn model(points: [&str; 3], cylinder: &str, wrap: &str) -> Skeleton {
     let point = |(k, at): (usize, &&str)| {
         let body = if k == 2 { "/bodyset/b" } else { "/ground" };
         format!(
-            "<PathPoint name=\"p{k}\"><socket_parent_frame>{body}</socket_parent_frame><location>{at}</location></PathPoint>"
+            "<PathPoint name=\"p{k}\"><socket_parent_frame>{body}</socket_parent_frame><location>{at}</location>\
+             </PathPoint>"
         )
     };
     let points: String = points.iter().enumerate().map(point).collect();
     let text = format!(
         "<OpenSimDocument Version=\"40000\"><Model name=\"m\">
-<Ground name=\"ground\"><WrapObjectSet name=\"w\"><objects><WrapCylinder name=\"c\">{cylinder}</WrapCylinder></objects></WrapObjectSet></Ground>
-<BodySet><objects><Body name=\"b\"><mass>1</mass><mass_center>0 0 0</mass_center><inertia>1 1 1 0 0 0</inertia></Body></objects></BodySet>
-<JointSet><objects><PinJoint name=\"j\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/b</socket_child_frame>
+<Ground name=\"ground\"><WrapObjectSet name=\"w\"><objects><WrapCylinder name=\"c\">{cylinder}</WrapCylinder>\
+</objects></WrapObjectSet></Ground>
+<BodySet><objects><Body name=\"b\"><mass>1</mass><mass_center>0 0 0</mass_center><inertia>1 1 1 0 0 0</inertia>\
+</Body></objects></BodySet>
+<JointSet><objects><PinJoint name=\"j\"><socket_parent_frame>/ground</socket_parent_frame>\
+<socket_child_frame>/bodyset/b</socket_child_frame>
 <coordinates><Coordinate name=\"q\"/></coordinates></PinJoint></objects></JointSet>
-<ForceSet><objects><Thelen2003Muscle name=\"m\"><GeometryPath name=\"p\"><PathPointSet><objects>{points}</objects></PathPointSet>
-<PathWrapSet><objects><PathWrap name=\"pw\"><wrap_object>c</wrap_object>{wrap}</PathWrap></objects></PathWrapSet></GeometryPath></Thelen2003Muscle></objects></ForceSet>
+<ForceSet><objects><Thelen2003Muscle name=\"m\"><GeometryPath name=\"p\"><PathPointSet><objects>{points}</objects>\
+</PathPointSet>
+<PathWrapSet><objects><PathWrap name=\"pw\"><wrap_object>c</wrap_object>{wrap}</PathWrap></objects></PathWrapSet>\
+</GeometryPath></Thelen2003Muscle></objects></ForceSet>
 </Model></OpenSimDocument>"
     );
     load_skeleton(&SourceFile { path: "m.osim".into(), text })
@@ -228,7 +234,8 @@ fn moment_arms_through_a_torus_are_the_slopes_of_lengths() {
     let text = text.replace("<location>0.3 0 0.5</location>", "<location>0.3 0.02 0.5</location>");
     let moved = text.replacen(
         "<PathPoint name=\"a\"><socket_parent_frame>/ground</socket_parent_frame><location>0.3 0 -0.5</location>",
-        "<PathPoint name=\"a\"><socket_parent_frame>/bodyset/slide</socket_parent_frame><location>0.3 0 -0.5</location>",
+        "<PathPoint name=\"a\"><socket_parent_frame>/bodyset/slide</socket_parent_frame>\
+         <location>0.3 0 -0.5</location>",
         1,
     );
     let file = SourceFile { path: "m.osim".into(), text: moved };
