@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The README's tables of results on the reference arm, from the shipped studies: runs them, and writes each between its marks in the README.
+"""Makes the README's tables of results for the reference arm: runs the shipped studies, and writes each table between its marks in the README.
 
     python3 data/gallery/tables.py [--sinew target/release/sinew] [NAME ...]
 
