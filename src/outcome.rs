@@ -236,7 +236,7 @@ pub struct RegularityRow {
     pub deficiency_aj_with_force: Option<i64>,
     /// Some σ/σ_max lies between 1e-15 and 1e-9.
     pub ambiguous: bool,
-    /// Whether the predicted deficiencies are met, or met by some cut within that band.
+    /// Whether the deficiencies equal the predicted ones, for the cut used or for another one within that band.
     pub prediction_agrees: Option<bool>,
     /// A has full row rank: the multipliers are unique. This field and those below are set for converged jobs only.
     pub multipliers_unique: Option<bool>,

@@ -322,7 +322,7 @@ fn mistakes() -> Vec<Mistake> {
             "a name that confirms nothing",
             "name =",
             "confirm = [\"muscle.bizeps.max_isometric_force\"]\nname =",
-            &["muscle.bizeps.max_isometric_force", "is not a number of the model"],
+            &["muscle.bizeps.max_isometric_force", "is not a numeric parameter of the model"],
         ),
         study(
             "one number absolute and by a factor",
