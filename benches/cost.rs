@@ -1,7 +1,8 @@
-//! What the solves of a study cost in units of their own problems: one KKT factorisation and one evaluation of all first and second
-//! derivatives, both at the start guess. Each time is that of the fastest of five runs.
+//! Cost of the solves of a study. The unit is specific to the problem: one KKT factorisation plus one evaluation of all
+//! first and second derivatives, both at the start guess. Each time is that of the fastest of five runs.
 //!
-//! `cargo bench --bench cost -- STUDY [every so many jobs]`, such as `-- studies/table1.toml` or `-- studies/robustness.toml 4`. One thread.
+//! `cargo bench --bench cost -- STUDY [N]` solves every Nth job, for example `-- studies/table1.toml` or
+//! `-- studies/robustness.toml 4`. Uses one thread.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -18,14 +19,14 @@ use sinew::solve::{discretise, disturb, motion_settings, transcribe};
 use sinew::study::settings::Scheme;
 use sinew::study::{Job, Study};
 
-/// What one solve took.
+/// Cost of one solve.
 struct Cost {
     scheme: Scheme,
     converged: bool,
     iterations: usize,
     factorisations: usize,
     seconds: f64,
-    /// In the units of the module.
+    /// Time in the unit described above.
     units: f64,
 }
 
@@ -41,7 +42,8 @@ fn main() {
             continue;
         }
         println!(
-            "{name}: {} of {} converged; medians: {:.0} iterations, {:.0} factorisations, {:.1} ms, {:.0} units; {:.1} s in all",
+            "{name}: {} of {} converged; medians: {:.0} iterations, {:.0} factorisations, {:.1} ms, {:.0} units; \
+             {:.1} s in total",
             of().filter(|cost| cost.converged).count(),
             of().count(),
             median(of().map(|cost| cost.iterations as f64)),
@@ -53,7 +55,7 @@ fn main() {
     }
 }
 
-/// The solve of a job; `None` where it has no measurement or start guess.
+/// The cost of a job's solve; `None` if the job has no measurement or start guess.
 fn cost(study: &Study, job: &Job) -> Option<Cost> {
     let (settings, points) = (&job.settings, job.points);
     let model = study.model_of(job).ok()?;
@@ -75,7 +77,7 @@ fn cost(study: &Study, job: &Job) -> Option<Cost> {
         problem.hessian(&here.x, here.multipliers(), Curvature::Exact, &mut hessian);
     });
     let active = vec![false; here.inequalities.len()];
-    // δ is another each time: what has not changed would not be factorised again.
+    // δ changes each time: unchanged parts of the matrix would not be factorised again.
     let mut damping = 1e-2;
     let factorisation = fastest(|| {
         damping *= 1.1;

@@ -1,4 +1,4 @@
-//! What the engine costs around the solver: planning, running, opening results of 100,000 jobs.
+//! Cost of the engine around the solver: planning, running and opening the results of 100,000 jobs.
 //!
 //! `cargo bench --bench engine`
 
@@ -50,7 +50,7 @@ fn main() {
 
     let (study, _) = timed("plan 100,000 jobs", || Study::load(&path).unwrap());
     let jobs = study.jobs.len();
-    // The outcome that each job leaves is a real one, so that lines and tables are as long as they are.
+    // Each job gets a real outcome, so that lines and tables have realistic lengths.
     let job = &study.jobs[0];
     let whole = solve(&study.model_of(job).unwrap(), &study.motion, &job.settings, job.points);
     assert_eq!(whole.job.status, Status::Converged);

@@ -1,7 +1,8 @@
-//! What a solve costs, and what of it. `cargo bench --bench solver -- [part of a name]`
+//! Cost of a solve and of its parts. `cargo bench --bench solver -- [part of a name]`
 //!
-//! The arm of Table 1 by the default scheme (Radau, 3 stages, 20 p unknowns or so), bounds a ≥ 0, μ = 0.2. Parts are timed at the start guess; `evaluation` is c, d, both
-//! Jacobians and ∇²L once, `factorisation` one of the KKT matrix, `qp` one sub-problem by its active set, `rank` both deficiencies, counted.
+//! Uses the arm of Table 1 with the default scheme (Radau, 3 stages, about 20 p unknowns), bounds a ≥ 0 and μ = 0.2.
+//! Parts are timed at the start guess: `evaluation` evaluates c, d, both Jacobians and ∇²L once, `factorisation`
+//! factorises the KKT matrix once, `qp` solves one sub-problem by its active set, and `rank` counts both deficiencies.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -26,7 +27,7 @@ use sinew::transcription::instant::Instant;
 use sinew::transcription::scheme::Discretisation;
 
 const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];
-/// δ in turn: what has not changed since the last time would not be factorised again.
+/// Values of δ used in turn: parts of the matrix that have not changed would not be factorised again.
 const IN_TURN: [f64; 2] = [1e-2, 2e-2];
 
 fn main() {
@@ -38,7 +39,7 @@ fn study(name: &str) -> Study {
     Study::load(&path).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
 }
 
-/// The job on so many points, its measurement, equations and scheme, handed to `then`.
+/// Calls `then` with the job on `points` points, its measurement, equations and scheme.
 fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, Instant<'_>, &dyn Discretisation)) {
     let study = study("mesh.toml");
     let settings = &study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study").settings;
@@ -48,7 +49,7 @@ fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, In
     then(&study, settings, &measurement, instant, scheme.as_ref());
 }
 
-/// The problem on so many points and its start guess, handed to `then`.
+/// Calls `then` with the problem on `points` points and its start guess.
 fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
     with_job(points, |_, settings, measurement, instant, scheme| {
         let problem = transcribe(&instant, scheme, measurement, settings);
@@ -64,7 +65,7 @@ fn curvatures(problem: &Collocation<'_>, here: &Iterate) -> [Sparse; 2] {
     [hessian, metric]
 }
 
-/// Transcription, start guess, SQP, polishing: everything but the ranks.
+/// Transcription, start guess, SQP, polishing: everything except the ranks.
 #[divan::bench(args = POINTS, sample_count = 3)]
 fn whole_job(bencher: Bencher, points: usize) {
     let mut study = study("mesh.toml");
@@ -116,7 +117,7 @@ fn factorisation(bencher: Bencher, points: usize) {
     });
 }
 
-/// One sub-problem at the solution, from the active set there.
+/// One sub-problem at the solution, starting from the active set there.
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn qp(bencher: Bencher, points: usize) {
     with_problem(points, |problem, guess| {
@@ -143,7 +144,7 @@ fn rank(bencher: Bencher, points: usize) {
     });
 }
 
-/// Patterns and where each derivative goes in them: [`transcribe`].
+/// The sparsity patterns, and the position of each derivative in them: [`transcribe`].
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn transcription(bencher: Bencher, points: usize) {
     with_job(points, |_, settings, measurement, instant, scheme| {

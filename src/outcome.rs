@@ -236,13 +236,13 @@ pub struct RegularityRow {
     pub deficiency_aj_with_force: Option<i64>,
     /// Some σ/σ_max lies between 1e-15 and 1e-9.
     pub ambiguous: bool,
-    /// Whether the predicted deficiencies are met, or met by some cut within that band.
+    /// Whether the deficiencies equal the predicted ones, for the cut used or for another one within that band.
     pub prediction_agrees: Option<bool>,
     /// A has full row rank: the multipliers are unique. This field and those below are set for converged jobs only.
     pub multipliers_unique: Option<bool>,
-    /// [Aᵀ Jᵀ] has full rank: no direction changes neither constraints nor residuals.
+    /// [Aᵀ Jᵀ] has full rank: every direction changes a constraint or a residual.
     pub answer_unique: Option<bool>,
-    /// No such direction moves a muscle's force at a collocation point.
+    /// No direction that leaves constraints and residuals unchanged changes a muscle's force at a collocation point.
     pub loads_unique: Option<bool>,
     /// Description of the directions that change neither constraints nor residuals.
     pub null_space: Option<String>,
@@ -287,7 +287,7 @@ pub struct MuscleRow {
     pub mean_activation_high: Option<f64>,
     pub peak_activation: f64,
     pub peak_excitation: f64,
-    /// Share of the time at an activation of 1.
+    /// Share of the time with an activation of 1.
     pub saturated_share: f64,
     pub mean_force_n: f64,
     /// Estimated discretisation error of the mean force, computed minus exact.
@@ -312,7 +312,7 @@ pub struct MuscleRow {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OptimumRow {
     pub objective: f64,
-    /// How many starts ended there.
+    /// Number of starts that ended there.
     pub starts: i64,
     /// Muscles without activation, separated by commas.
     pub idle: String,
@@ -329,7 +329,7 @@ pub struct SensitivityRow {
     pub parameter_value: f64,
     /// N per unit of the parameter.
     pub mean_force_slope: f64,
-    /// Per cent of force per per cent of parameter; null for a force of zero.
+    /// Change of the force in per cent for a change of the parameter by one per cent; null for a force of zero.
     pub elasticity: Option<f64>,
 }
 

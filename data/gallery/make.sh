@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The README's gallery, from the shipped studies: runs those that are quick, takes the others from their baselines.
+# Makes the README's gallery from the shipped studies: runs the quick ones, and takes the others from their baselines.
 #   data/gallery/make.sh [SINEW]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -7,7 +7,7 @@ sinew=${1:-target/release/sinew}
 dir=$(mktemp -d)
 trap 'rm -rf "$dir"' EXIT
 
-# figures FOLDER JOB NAME...: draws a results folder's figures, and keeps those.
+# figures FOLDER JOB NAME...: draws the figures of a results folder, and keeps the named ones.
 figures() {
   local from=$1 job=$2
   shift 2

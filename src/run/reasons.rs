@@ -33,7 +33,7 @@ impl Reason {
         matches!(self, Reason::New | Reason::Changed(_) | Reason::Solved)
     }
 
-    /// The class, for counts.
+    /// The class of the reason, by which jobs are counted.
     pub fn class(&self) -> &'static str {
         match self {
             Reason::New => "new",

@@ -138,7 +138,7 @@ impl ModelChange {
     pub fn new(path: &str, value: &Value) -> Result<Self, Complaint> {
         match value.number() {
             Some(value) if value.is_finite() => Ok(Self { path: path.to_owned(), value: value + 0.0 }), // no −0
-            _ => Err(Complaint::new(format!("found {}", describe(value)), "a number of the model must be finite")),
+            _ => Err(Complaint::new(format!("found {}", describe(value)), "a parameter of the model must be finite")),
         }
     }
 
@@ -208,7 +208,7 @@ impl ModelChange {
                         Ok(())
                     }
                     Some(_) => Err(Complaint::new(
-                        format!("`{}` is not a number of the model", self.path),
+                        format!("`{}` is not a numeric parameter of the model", self.path),
                         "continue the path with `.` and the key of a number",
                     )),
                     None => {
@@ -238,7 +238,7 @@ impl ModelChange {
         }
         match table.get(key) {
             Some(value) if !is_number(value) => Err(Complaint::new(
-                format!("`{}` is not a number of the model", self.path),
+                format!("`{}` is not a numeric parameter of the model", self.path),
                 "only numbers can be changed",
             )),
             // A number that the file omits may be set; an unknown key fails when the model is checked.

@@ -64,7 +64,7 @@ pub struct Job {
     pub index: usize,
     pub settings: Settings,
     pub changes: Vec<ModelChange>,
-    /// This job's value on each of [`Study::axes`]; `None` where it has none.
+    /// This job's value on each of [`Study::axes`]; `None` if it has none.
     pub swept: Vec<Option<Value>>,
     /// Number of collocation points p.
     pub points: usize,

@@ -187,7 +187,7 @@ impl<'m> Plan<'m> {
             let found = change::matching(self.model_table, name).unwrap_or_default();
             if !found.iter().any(|path| change::number_at(self.model_table, path).is_some()) {
                 let help = "give the names of numbers that the study sets, such as muscle.triceps.tendon_slack_length";
-                let message = format!("`{name}` is not a number of the model");
+                let message = format!("`{name}` is not a numeric parameter of the model");
                 return Err(sweep::issue(vec!["confirm".to_owned(), i.to_string()], message, help));
             }
         }

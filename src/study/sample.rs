@@ -15,7 +15,7 @@ const SOBOL_LIMITS: (usize, usize) = (1 << 16, 256);
 /// The samples of a sweep, numbered in the column `sample`.
 ///
 /// # Errors
-/// An [`Issue`] with the place of the parameter at fault.
+/// An [`Issue`] with the place of the faulty parameter.
 pub fn samples(sample: &Sample, place: &[String]) -> Result<Expansion, Issue> {
     let count = sample.count;
     if !(1..=1_000_000).contains(&count) {

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Looks for an arm on which all twelve numbers of the thesis' Table 1 come out, counted and predicted: a seeded evolution of arms by studies of Sinew.
+"""Searches for an arm that reproduces all twelve numbers of the thesis' Table 1, counted and predicted: a seeded evolution of arms using Sinew studies.
 
     python3 studies/arm_search/search.py [--near] [--seed 1] [--sinew target/release/sinew] [--out results/arm_search]
 
-The first generation is drawn from the ranges of sample.toml; each later one varies the best arms so far. Every arm is six jobs, the cells of
-Table 1, from one start. It ends with the first arm that has 12 and 12, and prints it in the names of sample.toml. Needs pyarrow.
+The first generation is drawn from the ranges of sample.toml; each later one varies the best arms so far. Every arm takes six jobs, the cells
+of Table 1, from one start. The search ends with the first arm that has 12 and 12, and prints it with the names of sample.toml. Needs pyarrow.
 """
 
 import argparse
@@ -30,14 +30,14 @@ THESIS = {
     ("collocation", "both"): (6, 1),
 }
 FIRST, LATER = 600, 240
-# Arms kept of each set of cases that are right: what solves a rare case is kept while it fails in others.
+# Number of arms kept for each set of correct cases, so that an arm that solves a rare case survives although it fails in others.
 KEPT = 4
-# Steps as shares of a range, and the share of the numbers that a child changes.
+# Step sizes as fractions of a range, and fractions of the numbers that a child changes.
 STEPS, CHANGED = (0.3, 0.1, 0.03, 0.01), (0.1, 0.3, 1.0)
 
 
 def study(name, arms):
-    """The study of these arms: each a job of the list, by the six cells."""
+    """The study of these arms: each is an entry of the list, multiplied by the six cells."""
     lines = [
         f'name = "{name}"',
         f'model = "{DATA}/models/arm_nominal.toml"',
@@ -52,7 +52,7 @@ def study(name, arms):
 
 
 def solved(sinew, folder, arms):
-    """(score, counted, predicted, cases that are right) of each arm. The score also sees how far off a number is."""
+    """(score, counted, predicted, correct cases) of each arm. The score also takes into account how far off a number is."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "study.toml").write_text(study(folder.name, arms))
     run = subprocess.run([sinew, "run", folder / "study.toml", "--out", folder], capture_output=True, text=True)
@@ -73,7 +73,7 @@ def solved(sinew, folder, arms):
             rank = row.get(name)
             off = 9 if rank is None else abs(rank - number)
             one[1 + k // 2] += off == 0
-            # What the active bounds predict comes first: the counted numbers follow by small steps.
+            # The predicted numbers count twice: once they are right, small steps lead to the counted ones.
             one[0] += (1 + k // 2) * ((off == 0) - 0.1 * min(off, 9))
     return found
 
@@ -95,7 +95,7 @@ def ends(name):
 
 
 def shipped(ranges):
-    """The reference arm in the names of sample.toml."""
+    """The reference arm, with the names of sample.toml."""
     arm, nominal = (tomllib.loads((DATA / f"models/{name}.toml").read_text()) for name in ("arm", "arm_nominal"))
     (first, last), (first_then, last_then) = ends("arm_curl"), ends("arm_curl_nominal")
     found = {}
@@ -114,17 +114,17 @@ def shipped(ranges):
 
 def child(kept, shares, ranges, rng):
     rights = sorted(kept, key=sorted)
-    # Rare cases count for more, or what solves them dies out.
+    # Rare cases have more weight, or the arms that solve them die out.
     weights = [2 ** len(right) * (1 + sum(1 / shares[case] for case in right)) for right in rights]
     parent, other = (rng.choice(kept[right])[1] for right in rng.choices(rights, weights, k=2))
     step, share = rng.choice(STEPS), rng.choice(CHANGED)
-    # Now and then a part of another arm.
+    # Occasionally mix in a part of another arm.
     arm = {path: (other if rng.random() < 0.3 else parent)[path] for path in parent} if rng.random() < 0.2 else dict(parent)
     return varied(arm, ranges, step, rng.sample(list(ranges), max(1, round(share * len(ranges)))), rng)
 
 
 def varied(arm, ranges, step, paths, rng):
-    """The arm with steps of these numbers, within their ranges."""
+    """The arm with random steps of the given numbers, within their ranges."""
     arm = dict(arm)
     for path in paths:
         low, high = ranges[path]
@@ -137,15 +137,15 @@ def main():
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--sinew", default="target/release/sinew")
     options.add_argument("--out", type=pathlib.Path, default=pathlib.Path("results/arm_search"))
-    options.add_argument("--near", action="store_true", help="begin around the reference arm, not anywhere in the ranges")
-    options.add_argument("--minutes", type=float, default=60.0, help="give up after so long")
+    options.add_argument("--near", action="store_true", help="begin near the reference arm instead of anywhere in the ranges")
+    options.add_argument("--minutes", type=float, default=60.0, help="give up after this time")
     options = options.parse_args()
     sample = tomllib.loads((HERE / "sample.toml").read_text())["sweep"]["sample"]
     ranges = {path: (r["from"], r["to"]) for path, r in sample.items() if isinstance(r, dict)}
     rng, begun, tried, kept = random.Random(options.seed), time.monotonic(), 0, {}
     solved_cases = collections.Counter()
     if options.near:
-        # A share of each range around the shipped arm: what it has rounded away is not where the search begins.
+        # Start from a fraction of each range around the shipped arm, not from the arm itself.
         centre = shipped(ranges)
         arms = [varied(centre, ranges, 0.02, list(ranges), rng) for _ in range(FIRST)]
     else:
@@ -164,7 +164,7 @@ def main():
             print("\n".join(f'"{path}" = {value!r}' for path, value in arm.items()))
             return
         if minutes > options.minutes:
-            sys.exit("not found; another --seed may")
+            sys.exit("not found; try another --seed")
         shares = {case: count / tried for case, count in solved_cases.items()}
         arms = [child(kept, shares, ranges, rng) for _ in range(LATER)]
 

@@ -1,4 +1,4 @@
-//! Closed forms: pendulum, holding torque, activation step.
+//! Comparisons with closed-form solutions: pendulum, holding torque, activation step.
 
 use nalgebra::{DMatrix, DVector};
 use sinew::model::Model;
@@ -33,7 +33,7 @@ fn pendulum() -> Model {
     toml::from_str::<ModelFile>(PENDULUM).unwrap().check().unwrap()
 }
 
-/// The least residual of eq. (1) over the reactions, in weights.
+/// The smallest residual of eq. (1) over all reactions, in units of the weight.
 fn residual_of_motion(instant: &Instant<'_>, z: &[f64]) -> f64 {
     let model = instant.model;
     let (nq, nc) = (model.coordinates(), model.constraints());
@@ -53,7 +53,7 @@ fn residual_of_motion(instant: &Instant<'_>, z: &[f64]) -> f64 {
     (rest + columns * reactions).amax()
 }
 
-/// z of the rod at an angle with angular velocity and acceleration, no muscle force to speak of.
+/// z of the rod at an angle, with angular velocity and acceleration, and a negligible muscle force.
 fn swinging(model: &Model, angle: f64, rate: f64, acceleration: f64) -> Vec<f64> {
     let instant = Instant::new(model, Form::SecondOrder);
     let q = model.planar().unwrap().assemble(&[Some(angle)], None).unwrap();
@@ -95,7 +95,7 @@ fn a_muscle_holds_the_rod_with_the_torque_of_its_moment_arm() {
         path.value
     };
     let moment_arm = -(length(angle + 1e-6) - length(angle - 1e-6)) / 2e-6;
-    // m g l sin φ = F r, with F the fibre's force at rest: find the activation that gives it.
+    // m g l sin φ = F r, where F is the fibre's force at rest: find the activation that gives it.
     let force = 2.0 * 9.81 * 0.4 * f64::sin(angle) / moment_arm;
     assert!(force > 0.0, "the muscle can only pull");
     let mut z = swinging(&model, angle, 0.0, 0.0);
@@ -114,7 +114,7 @@ fn a_step_of_excitation_gives_the_exponential() {
     let mut muscle = pendulum().muscles.remove(0);
     (muscle.activation_time, muscle.deactivation_time) = (0.03, 0.08);
     for (u, a0, time) in [(1.0, 0.1, 0.03), (0.0, 0.8, 0.08)] {
-        // a(t) = u + (a0 − u) exp(−t/τ): τ_act when fully excited, τ_deact at no excitation.
+        // a(t) = u + (a0 − u) exp(−t/τ): τ_act at full excitation, τ_deact without excitation.
         for i in 0..10 {
             let t = 0.02 * f64::from(i);
             let gap = (a0 - u) * f64::exp(-t / time);
@@ -126,7 +126,7 @@ fn a_step_of_excitation_gives_the_exponential() {
 
 #[test]
 fn the_scheme_is_of_second_order_on_activation() {
-    // ȧ = (u − a)/τ with u = sin² marched on the scheme's own splines, against a fine solution.
+    // ȧ = (u − a)/τ with u = sin², integrated on the scheme's own splines, against a fine solution.
     let u = |t: f64| (3.0 * t).sin().powi(2);
     let (tau, a0) = (0.12, 0.1);
     let fine = {

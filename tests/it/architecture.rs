@@ -1,4 +1,4 @@
-//! Who may know whom: the invariants that `lib.rs` states.
+//! Which module may use which: the invariants stated in `lib.rs`.
 
 use std::path::Path;
 
@@ -44,7 +44,7 @@ fn dependencies_point_one_way() {
         ("src/tables/", &["crate::run", "crate::solve", "crate::cli", "crate::nlp"]),
     ];
     for (path, text) in sources(&super::support::root().join("src")) {
-        // Unit tests may reach further for their fixtures.
+        // Unit tests may use other modules for their fixtures.
         let text = text.split("#[cfg(test)]").next().unwrap();
         for (folder, names) in forbidden {
             for name in names.iter().filter(|_| path.contains(folder)) {
@@ -58,7 +58,7 @@ fn dependencies_point_one_way() {
 fn one_place_prints() {
     for (path, text) in sources(&super::support::root().join("src")) {
         let text = text.split("#[cfg(test)]").next().unwrap();
-        // The build script talks to cargo by printing.
+        // The build script communicates with cargo by printing.
         let may = ["terminal.rs", "build.rs"].iter().any(|name| path.ends_with(name)) || path.ends_with(".js");
         assert!(may || !text.contains("println!("), "{path} prints");
     }

@@ -1,4 +1,4 @@
-//! Broken files: each gets a message with place and remedy, exit code 2, and no panic.
+//! Invalid input files: each causes a message with place and remedy, exit code 2, and no panic.
 
 use sinew::error::SourceFile;
 use sinew::motion::MotionTable;
@@ -11,7 +11,7 @@ struct Mistake {
     study: String,
     model: Option<String>,
     motion: Option<(&'static str, String)>,
-    /// What the message must hold: the place, what was found, the remedy.
+    /// What the message must contain: the place, what was found, the remedy.
     says: &'static [&'static str],
 }
 
@@ -168,7 +168,8 @@ fn mistakes() -> Vec<Mistake> {
         study(
             "two axes for one thing",
             "[sweep.grid]",
-            "[sweep.zip]\n'muscle.*.optimal_fibre_length_scale' = [1.1]\n'muscle.biceps.optimal_fibre_length_scale' = [1.2]\n[sweep.grid]",
+            "[sweep.zip]\n'muscle.*.optimal_fibre_length_scale' = [1.1]\n\
+             'muscle.biceps.optimal_fibre_length_scale' = [1.2]\n[sweep.grid]",
             &["both set muscle.biceps.optimal_fibre_length", "[[sweep]]"],
         ),
         study(
@@ -186,7 +187,8 @@ fn mistakes() -> Vec<Mistake> {
         study(
             "an unquoted path in a sample",
             "[sweep.grid]",
-            "[sweep.sample]\ncount = 3\nseed = 1\nmuscle.biceps.optimal_fibre_length = { from = 1, to = 2 }\n[sweep.grid]",
+            "[sweep.sample]\ncount = 3\nseed = 1\nmuscle.biceps.optimal_fibre_length = { from = 1, to = 2 }\n\
+             [sweep.grid]",
             &["quote the whole name"],
         ),
         study(
@@ -312,19 +314,21 @@ fn mistakes() -> Vec<Mistake> {
         study(
             "a list and a number in it",
             "[sweep.grid]",
-            "[sweep.grid]\n\"muscle.biceps.path.0.point_scale\" = [1.0, 1.1]\n\"muscle.biceps.path.0.point.0\" = [0.02, 0.03]",
+            "[sweep.grid]\n\"muscle.biceps.path.0.point_scale\" = [1.0, 1.1]\n\
+             \"muscle.biceps.path.0.point.0\" = [0.02, 0.03]",
             &["muscle.biceps.path.0.point_scale", "both set muscle.biceps.path.0.point.0"],
         ),
         study(
             "a name that confirms nothing",
             "name =",
             "confirm = [\"muscle.bizeps.max_isometric_force\"]\nname =",
-            &["muscle.bizeps.max_isometric_force", "is not a number of the model"],
+            &["muscle.bizeps.max_isometric_force", "is not a numeric parameter of the model"],
         ),
         study(
             "one number absolute and by a factor",
             "[sweep.grid]",
-            "[sweep.grid]\n\"muscle.triceps.max_isometric_force\" = [1200, 1300]\n\"muscle.triceps.max_isometric_force_scale\" = [1, 1.1]",
+            "[sweep.grid]\n\"muscle.triceps.max_isometric_force\" = [1200, 1300]\n\
+             \"muscle.triceps.max_isometric_force_scale\" = [1, 1.1]",
             &["muscle.triceps.max_isometric_force", "_scale"],
         ),
         motion("no inDegrees", "m.sto", "name\nendheader\ntime elbow_angle\n0 1\n", &["m.sto:1", "inDegrees"]),
@@ -342,7 +346,7 @@ fn each_mistake_gets_a_message_with_place_and_remedy() {
             std::fs::write(folder.path().join(file), motion).unwrap();
         }
         let run = sinew(&["run", "study.toml"], folder.path());
-        // Lines are wrapped and framed for people: compare without the frame.
+        // Messages are wrapped and framed for readability: compare without the frame.
         let message: String = text(&run.stderr)
             .chars()
             .filter(|c| !"│╭╰─╯┬·×".contains(*c))
@@ -371,7 +375,7 @@ fn opensim_tables_are_read_in_any_column_order() {
     assert!(text(&plan.stdout).contains("5 instants"));
 }
 
-/// What spreadsheets, pandas and OpenSim add to a table changes nothing.
+/// What spreadsheets, pandas and OpenSim add to a table has no effect.
 #[test]
 fn tables_are_read_as_other_programs_write_them() {
     let plain = "time,shoulder_angle_deg,elbow_angle_deg\n1.25,1,10\n1.5,1,20\n1.75,1,30\n2.25,1,40\n";
@@ -405,7 +409,7 @@ fn tables_are_read_as_other_programs_write_them() {
     }
 }
 
-/// The tables say the time of the file, and `check` what a motion holds.
+/// The tables keep the times of the motion file, and `check` shows what a motion contains.
 #[test]
 fn the_clock_of_the_file_is_kept() {
     let mut table = "time,shoulder_angle_deg,elbow_angle_deg\n".to_owned();
@@ -438,7 +442,7 @@ fn a_value_far_from_the_models_own_may_be_confirmed() {
     );
 }
 
-/// A hole in a motion is interpolated, and said.
+/// A gap in a motion is interpolated and reported.
 #[test]
 fn a_gap_of_a_motion_is_named() {
     let mut table = "time,shoulder_angle_deg,elbow_angle_deg\n".to_owned();

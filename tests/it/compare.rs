@@ -1,4 +1,4 @@
-//! Baselines: exactly what differs is reported, with the exit code that says so.
+//! Baselines: exactly the differences are reported, with the corresponding exit code.
 
 use std::path::Path;
 
@@ -86,7 +86,7 @@ fn exactly_the_altered_cells_are_reported() {
     let junit = std::fs::read_to_string(at.join("c.xml")).unwrap();
     assert!(junit.contains("tests=\"6\"") && junit.matches("<failure").count() == 4, "{junit}");
 
-    // Tolerances by column, from the command line and from a file beside the baseline.
+    // Tolerances by column, from the command line and from a file in the baseline.
     let (_, found, _) = json(at, &["--tolerance", "mean_force_n=0.1", "--tolerance", "objective=ignore"]);
     assert_eq!(found["counts"]["changed_cells"], 2);
     std::fs::write(at.join("base/tolerances.toml"), "\"jobs.objective\" = \"exact\"\nloads_unique = \"ignore\"\n")
@@ -111,7 +111,7 @@ fn jobs_that_are_new_missing_or_newly_failed_are_told_apart() {
     let at = folder.path();
     assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));
     assert_eq!(sinew(&["compare", "results/small", "base", "--accept"], at).status.code(), Some(0));
-    // mu = 0.4 goes, 0.8 comes.
+    // mu = 0.4 is removed, 0.8 is added.
     std::fs::write(
         at.join("study.toml"),
         std::fs::read_to_string(at.join("study.toml")).unwrap().replace("0.4]", "0.8]"),
@@ -170,7 +170,7 @@ fn what_is_gone_is_drift_and_mistakes_are_refused() {
         assert_eq!(code(&["results/small", "base"]).0, 2, "{text}");
     }
     std::fs::remove_file(at.join("base/tolerances.toml")).unwrap();
-    // A relative tolerance keeps the usual absolute one beside it.
+    // A given relative tolerance keeps the default absolute one.
     alter(&at.join("results/small"), "muscles", |t| {
         let Values::Number(values) = column(t, "min_force_n") else { unreachable!() };
         values[0] = values[0].map(|v| v + 1e-10);
@@ -189,7 +189,7 @@ fn what_is_gone_is_drift_and_mistakes_are_refused() {
 
 #[test]
 fn other_columns_have_no_hidden_difference() {
-    // Each column in turn is made different in one row: it is reported, or it is one of those that are ignored.
+    // Change each column in turn, in one row: the change is reported unless the column is ignored.
     let folder = folder(&[("study.toml", SMALL)]);
     let at = folder.path();
     assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));

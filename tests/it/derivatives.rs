@@ -1,4 +1,4 @@
-//! The transcribed problem's derivatives against differences, at random points near the start guess.
+//! Derivatives of the transcribed problem against finite differences, at random points near the start guess.
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;

@@ -1,4 +1,4 @@
-//! The engine around the solver: threads, panics, resuming, failures as rows.
+//! The engine around the solver: threads, panics, resumed runs, failures as rows.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -11,7 +11,7 @@ use sinew::warm::Answer;
 
 use super::support::{SMALL, folder, study};
 
-/// All tables of a folder without the columns that are times taken.
+/// All tables of a folder, without the columns of computing times.
 pub fn tables(out: &std::path::Path) -> Vec<Table> {
     schema::TABLES
         .into_iter()
@@ -77,7 +77,7 @@ fn a_run_goes_on_where_it_was_cut_off() {
     assert_eq!((report.ended, report.finished), (Ended::Interrupted, 2));
     assert_eq!(read("jobs", &cut.join("jobs.parquet")).unwrap().rows(), 2);
 
-    // The last line cut in half, as by a kill: that job runs again, the other is kept.
+    // The last line is cut in half, as by a kill: that job runs again, the other one is kept.
     let store = cut.join("finished.jsonl");
     let text = std::fs::read(&store).unwrap();
     std::fs::write(&store, &text[..text.len() - 100]).unwrap();
@@ -93,7 +93,7 @@ fn a_run_goes_on_where_it_was_cut_off() {
 
 #[test]
 fn failing_jobs_are_rows_with_a_status_and_a_reason() {
-    // Jobs: as usual; two SQP iterations only; a loop of links that cannot close.
+    // Three jobs: a normal one; one with only two SQP iterations; a loop of links that cannot close.
     let pedal = std::fs::read_to_string(super::support::root().join("data/models/pedal.toml")).unwrap();
     let text = r#"
 name = "failures"
@@ -196,7 +196,8 @@ fn a_swept_value_replaces_the_fixed_one() {
     let text = SMALL.replace(
         "[sweep.grid]",
         "\"muscle.triceps.max_isometric_force_scale\" = 1.2\n\"muscle.biceps.max_isometric_force\" = 500\n\
-         [sweep.grid]\n\"muscle.triceps.max_isometric_force_scale\" = [0.5]\n\"muscle.biceps.max_isometric_force\" = [100.0]",
+         [sweep.grid]\n\"muscle.triceps.max_isometric_force_scale\" = [0.5]\n\
+         \"muscle.biceps.max_isometric_force\" = [100.0]",
     );
     let folder = folder(&[("study.toml", &text)]);
     let (_, study) = study(&folder);
@@ -205,7 +206,7 @@ fn a_swept_value_replaces_the_fixed_one() {
     assert_eq!((strength("triceps"), strength("biceps")), (150.0, 100.0), "300 N in the file");
 }
 
-/// The tables have the swept value, so a factor in the base would make them say another one than was used.
+/// The tables contain the swept value, so with a factor in the base they would not show the value that was used.
 #[test]
 fn one_number_is_set_in_one_way() {
     let (absolute, factor) = ("'muscle.biceps.max_isometric_force'", "'muscle.biceps.max_isometric_force_scale'");
@@ -239,7 +240,7 @@ fn neighbours_start_from_one_another_and_a_cut_off_block_ends_alike() {
     let iterations = |i: usize| jobs.integer("iterations", i).unwrap();
     let warm: i64 = [1, 2, 3, 5, 6, 7].into_iter().map(iterations).sum();
     assert!(warm <= 6 * 6, "{warm} iterations in six warm starts");
-    // The second half of each block again: the answers before are made anew.
+    // Run the second half of each block again: the preceding answers are recomputed.
     std::fs::create_dir(&cut).unwrap();
     let lines = std::fs::read_to_string(whole.join("finished.jsonl")).unwrap();
     let is = |line: &str, i: usize| line.contains(&format!("\"job_id\":\"{}\"", study.jobs[i].id));

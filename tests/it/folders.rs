@@ -1,11 +1,11 @@
-//! Somebody else's files: a run writes and deletes only what a run has written.
+//! Other people's files: a run overwrites and deletes only what a run has written.
 
 use std::path::Path;
 
 use super::cli::{sinew, text};
 use super::support::{SMALL, folder};
 
-/// Everything in a folder and below, with its bytes.
+/// Every file in a folder and its subfolders, with its bytes.
 fn everything(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -39,7 +39,7 @@ fn a_run_does_not_write_over_what_no_run_has_written() {
             assert!(everything(&out) == before, "{arguments:?}");
         }
     }
-    // What has other names is no concern of a run's.
+    // A run does not touch files with other names.
     let out = at.join("notes");
     std::fs::create_dir(&out).unwrap();
     for name in ["notes.txt", "finished.txt", "finished-notes.jsonl", "jobs.parquet.bak", "x.part"] {
@@ -69,7 +69,7 @@ fn a_run_goes_through_no_link() {
         }
         assert_eq!(std::fs::read_to_string(&precious).unwrap(), "precious");
     }
-    // A backup by hard links stays as it was.
+    // A backup by hard links is not changed.
     assert!(sinew(&["run", "study.toml", "--out", "out"], at).status.success());
     std::fs::create_dir(at.join("backup")).unwrap();
     for entry in std::fs::read_dir(at.join("out")).unwrap() {
@@ -115,14 +115,14 @@ fn no_garbage_becomes_a_baseline() {
     std::fs::remove_file(at.join("out/manifest.json")).unwrap();
     refused("no manifest.json");
     std::fs::write(at.join("out/manifest.json"), manifest).unwrap();
-    // Over a folder of somebody else's.
+    // Refuses to overwrite other people's files.
     std::fs::create_dir(at.join("theirs")).unwrap();
     std::fs::write(at.join("theirs/jobs.parquet"), "theirs").unwrap();
     let (code, _) = accept("out", "theirs");
     assert_eq!(code, Some(2));
     assert_eq!(std::fs::read_to_string(at.join("theirs/jobs.parquet")).unwrap(), "theirs");
     assert_eq!(accept("out", "base"), (Some(0), String::new()));
-    // Not all of a study.
+    // An incomplete study.
     assert_eq!(sinew(&["run", "study.toml", "--out", "half", "--shard", "0/2"], at).status.code(), Some(0));
     sinew(&["merge", "half"], at);
     let (code, said) = accept("half", "base");
@@ -137,7 +137,7 @@ fn a_page_of_somebody_else_stays() {
     std::fs::write(at.join("home.html"), "<html><title>My page</title></html>").unwrap();
     let answer = sinew(&["report", "out", "--out", "home.html"], at);
     assert_eq!(answer.status.code(), Some(2), "{}", text(&answer.stderr));
-    // Into a pipe, which is not read before it is written.
+    // Writes into a pipe, which must not be read first.
     let piped = std::process::Command::new("timeout")
         .args(["20", "sh", "-c", "\"$0\" report out --out /dev/stdout | head -c 15", env!("CARGO_BIN_EXE_sinew")])
         .current_dir(at)

@@ -1,4 +1,4 @@
-//! All integration tests, one binary.
+//! All integration tests, in a single binary.
 
 mod analytic;
 mod architecture;

@@ -1,5 +1,5 @@
-//! OpenSim models: fixtures of each version with lengths derived by hand, the shared models against OpenSim's own figures, and
-//! input that nobody should trust.
+//! OpenSim models: fixtures of each file version with lengths derived by hand, the shared models against OpenSim's own
+//! results, and untrusted input.
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ fn skeleton(imported: &Imported) -> Skeleton {
     imported.file.check().unwrap()
 }
 
-/// Length and moment arms by coordinate of a muscle, in the default pose but for some coordinates.
+/// Length and moment arms (by coordinate) of a muscle, in the default pose except for some coordinates.
 fn at(skeleton: &Skeleton, muscle: &str, pose: &[(&str, f64)]) -> (f64, Vec<f64>) {
     let mut q = skeleton.default_pose();
     pose.iter().for_each(|(name, value)| q[skeleton.coordinate(name).unwrap()] = *value);
@@ -55,7 +55,7 @@ fn every_version_of_the_format_is_the_same_arm() {
         assert_eq!(times, (0.012, 0.045, 9.0));
         for (shoulder, elbow) in [(0.1, 0.5), (-0.4, -0.5), (0.7, 1.3), (0.0, -1.1f64)] {
             let pose = [("shoulder_angle", shoulder), ("elbow_angle", elbow)];
-            // Seen from the elbow: (0.03, 0.2) fixed, (0.01, −0.05) turned.
+            // Relative to the elbow: (0.03, 0.2) is fixed, (0.01, −0.05) rotates.
             let (sin, cos) = elbow.sin_cos();
             let way = [0.01 * cos + 0.05 * sin - 0.03, 0.01 * sin - 0.05 * cos - 0.2];
             let length = way[0].hypot(way[1]);
@@ -64,7 +64,7 @@ fn every_version_of_the_format_is_the_same_arm() {
             near(found, length, "flexor");
             near(arms[0], 0.0, "flexor's arm at the shoulder");
             near(arms[1], -slope, "flexor's arm at the elbow");
-            // From the ground straight to the upper arm; then along the pulley's side, and around it when the elbow extends.
+            // Straight from the ground to the upper arm; then past the pulley, and around it when the elbow extends.
             let (sin, cos) = shoulder.sin_cos();
             let upper = (0.02 * cos + 0.1 * sin - 0.02).hypot(0.02 * sin - 0.1 * cos);
             let over = if elbow < 0.0 { 0.4 - 0.02 * elbow } else { 0.0 };
@@ -115,20 +115,20 @@ fn every_kind_of_part_has_the_lengths_derived_by_hand() {
         ("moving_line", 1.0 + 0.1 * phi),
         ("moving_curve", 1.0 + 0.1 * phi * phi),
         ("conditional", 2f64.sqrt()),
-        // Around the tube of 0.1 through the ring of 0.2, from 0.1 outside its middle.
+        // Around the tube (radius 0.1) through the ring (radius 0.2), from 0.1 outside the middle of the tube.
         ("over_torus", 1.0 + 0.1 * (TAU - 2.0 * 5f64.atan() - 2.0 * (0.1 / 0.26f64.sqrt()).acos())),
     ];
     for (muscle, length) in expected {
         near(at(&model, muscle, &pose).0, length, muscle);
     }
-    // A coordinate that follows goes with the one it follows.
+    // A dependent coordinate moves with the one it depends on.
     let knee = model.coordinate("knee_angle").unwrap();
     near(at(&model, "across_rider", &pose).1[knee], -0.5 * (0.5 * phi).cos(), "arm of the rider by the knee");
     near(at(&model, "moving_curve", &pose).1[knee], -0.1 * phi, "arm of the moving point by the knee");
     near(at(&model, "of_slide", &pose).1[0], -0.2 / 1.2f64.sqrt(), "arm of the slide");
-    // The point that comes and goes is met from 0.2 to 1 rad of the rider.
+    // The conditional point is part of the path from 0.2 to 1 rad of the rider.
     near(at(&model, "conditional", &[("knee_angle", 0.1)]).0, 1.0, "conditional, out of its range");
-    // Two points at 0.5 from the middle of a sphere of 0.3, a hair off its diameter.
+    // Two points at 0.5 from the centre of a sphere of radius 0.3, not quite on opposite sides.
     let d = 0.25f64 + 1e-6;
     let arc = 2.0 * 0.5f64.atan2(0.001) - 2.0 * (0.3 / d.sqrt()).acos();
     near(at(&model, "over_ball", &[]).0, 2.0 * (d - 0.09).sqrt() + 0.3 * arc, "over_ball");
@@ -142,13 +142,13 @@ fn every_kind_of_part_has_the_lengths_derived_by_hand() {
     assert!(locked.locked && locked.default == 0.3);
     assert_eq!(model.held_points.len(), 1);
     assert_eq!(model.held_points[0].points, [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]);
-    // All that is lost is named.
+    // All losses are reported.
     for name in ["idle", "reserve", "disc", "asleep", "glue", "off", "floats"] {
         assert!(imported.notes.iter().any(|note| note.what.contains(name)), "{name} is not named");
     }
 }
 
-/// Import → file → load: the same mechanics to the last digit.
+/// Import → file → load gives the same mechanics to the last digit.
 fn goes_round(imported: &Imported) {
     let written = SourceFile { path: "model.toml".into(), text: text(&imported.file, "a comment\n\nof lines") };
     let (before, after) = (skeleton(imported), SkeletonFile::load(&written).unwrap());
@@ -198,11 +198,12 @@ fn the_thoracoscapular_model_has_the_lengths_and_moment_arms_of_opensim() {
     assert_eq!(worst.len(), 36);
     let missed: Vec<&str> =
         worst.iter().filter(|(_, [length, arm])| !(*length < 0.5e-3 && *arm < 1e-3)).map(|(m, _)| m.as_str()).collect();
-    // OpenSim's paths of these three cut through one of their two surfaces (README).
+    // In OpenSim, the paths of these three muscles cut through one of their two surfaces (README).
     assert_eq!(missed, ["Infraspinatus_I", "Infraspinatus_S", "Subscapularis_S"]);
 }
 
-/// By muscle: RMS of the lengths, and the largest RMS of a moment arm, over the rows where OpenSim's path does not jump.
+/// By muscle: RMS error of the length, and the largest RMS error of a moment arm, over the rows in which OpenSim's path
+/// does not jump.
 fn worst_errors(model: &Skeleton, sample: &str, coordinates: &[&str]) -> Vec<(String, [f64; 2])> {
     let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(sample.as_bytes());
     let header = reader.headers().unwrap().clone();
@@ -329,12 +330,14 @@ fn the_command_writes_a_file_never_over_one_and_names_what_is_lost() {
     );
 }
 
-/// Elbow flexion of arm26 in both schemes: the motion is tracked to a degree, the loads are unique, and muscles take their turns as in
-/// OpenSim's static optimisation.
+/// Elbow flexion of arm26 in both schemes: the motion is tracked within a degree, the loads are unique, and the peak
+/// activations rank as in OpenSim's static optimisation.
 #[test]
 fn arm26_flexes_its_elbow_with_unique_loads() {
     let root = super::support::root().display();
-    let study = "name = \"arm26\"\nmodel = \"{root}/data/models/arm26.toml\"\nmotion = \"{root}/data/motions/arm26_elbow_flexion.mot\"\n[base]\nh = 0.041666666666666664\nbounds = \"both_boxed\"\nregularity = \"optimum\"\ntrajectories = true\n[sweep.list]\n";
+    let study = "name = \"arm26\"\nmodel = \"{root}/data/models/arm26.toml\"\n\
+        motion = \"{root}/data/motions/arm26_elbow_flexion.mot\"\n[base]\nh = 0.041666666666666664\n\
+        bounds = \"both_boxed\"\nregularity = \"optimum\"\ntrajectories = true\n[sweep.list]\n";
     let study = study.replace("{root}", &root.to_string()).replace(
         "[sweep.list]\n",
         "[[sweep.list]]\nscheme = \"radau\"\nmu = 0.05\n[[sweep.list]]\nscheme = \"midpoint\"\nmu = 0.2\n",
@@ -376,7 +379,7 @@ fn arm26_flexes_its_elbow_with_unique_loads() {
     }
 }
 
-/// What a job says of joint coordinates is what the motion was made from.
+/// The joint coordinates that a job reports are those from which the motion was made.
 #[test]
 fn joint_coordinates_are_found_again() {
     let imported = import(&fixture("kinds_v4.osim")).unwrap();

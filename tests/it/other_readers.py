@@ -1,4 +1,4 @@
-"""Opens the tables of two studies as a user would: filters, sort, join, data set, concatenation, CSV. Arguments: two output folders."""
+"""Opens the tables of two studies as a user would: filter, sort, join, data set, concatenation, CSV. Arguments: two output folders."""
 
 import importlib
 import io
@@ -37,7 +37,7 @@ def plain_types():
         for name in TABLES:
             for field in pq.read_schema(f"{folder}/{name}.parquet"):
                 assert "view" not in str(field.type), (name, field)
-    # Whole numbers in a study are still real settings; counts stay counts.
+    # Whole numbers in a study remain real-valued settings; counts remain integers.
     for folder in (first, second):
         schema = pq.read_schema(folder + "/jobs.parquet")
         assert schema.field("mu").type == pa.float64(), schema

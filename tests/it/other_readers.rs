@@ -1,4 +1,4 @@
-//! The tables opened by other readers than the one that wrote them.
+//! Opens the tables with readers other than the library that wrote them.
 
 use std::path::Path;
 use std::process::Command;
@@ -24,7 +24,7 @@ fn tables(folder: &tempfile::TempDir) -> [std::path::PathBuf; 2] {
     })
 }
 
-/// With the readers that python3 has, and once more with the oldest pyarrow, where `.ci/install` has put it.
+/// Uses the readers installed for python3, and then the oldest pyarrow if `.ci/install` has installed it.
 #[test]
 fn others_filter_sort_join_and_concatenate_the_tables() {
     let folder = folder(&[("study.toml", SMALL)]);

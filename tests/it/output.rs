@@ -1,4 +1,4 @@
-//! Printing never fails a run, and holds none up: with real pipes, a full device, signals.
+//! Printing neither fails nor delays a run, even with real pipes, a full device, and signals.
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Write};
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::cli::text;
 use super::support::folder;
 
-/// Jobs that all fail at once, and are said to.
+/// Jobs that all fail immediately, each with a message.
 const FAILING: &str = r#"
 name = "failing"
 model = "{root}/data/models/arm.toml"
@@ -23,7 +23,7 @@ max_iterations = 1
 mu = { from = 0.05, to = 0.5, count = 300 }
 "#;
 
-/// Some seconds of work.
+/// A few seconds of work.
 const LONG: &str = r#"
 name = "long"
 model = "{root}/data/models/arm.toml"
@@ -41,7 +41,7 @@ fn command(at: &Path, out: &str) -> Command {
     command
 }
 
-/// The exit code, within a minute.
+/// The exit code of a process that must end within a minute.
 fn end(mut child: Child) -> Option<i32> {
     let begun = Instant::now();
     loop {
@@ -69,7 +69,7 @@ fn a_reader_that_goes_away_loses_nothing() {
     BufReader::new(child.stderr.take().unwrap()).read_line(&mut first).unwrap(); // and the pipe is closed
     assert!(first.contains("iteration_limit"), "{first}");
     assert_eq!((end(child), kept(at, "head")), (Some(1), 300));
-    // Both streams, as in `2>&1 | head -1`.
+    // Both output streams, as in `2>&1 | head -1`.
     let (reader, writer) = std::io::pipe().unwrap();
     let child = command(at, "both").stdout(writer.try_clone().unwrap()).stderr(writer).spawn().unwrap();
     BufReader::new(reader).read_line(&mut first).unwrap();
@@ -86,7 +86,7 @@ fn a_full_device_loses_nothing() {
     let at = folder.path();
     let child = command(at, "stderr").stderr(full.try_clone().unwrap()).spawn().unwrap();
     assert_eq!((end(child), kept(at, "stderr")), (Some(1), 300));
-    // An answer that cannot be printed is an error, and what was computed is there.
+    // A result that cannot be printed is an error, but what was computed is stored.
     let mut child = command(at, "stdout").stdout(full.try_clone().unwrap()).stderr(Stdio::piped()).spawn().unwrap();
     let said = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
     assert_eq!((end(child), kept(at, "stdout")), (Some(2), 300));
@@ -102,7 +102,7 @@ fn a_full_device_loses_nothing() {
 fn a_pipe_that_nobody_reads_holds_up_nothing() {
     let folder = folder(&[("study.toml", FAILING)]);
     let at = folder.path();
-    // Filled to the brim, so that a write to it waits for ever.
+    // A full pipe, so that a write to it blocks for ever.
     let (reader, writer) = std::io::pipe().unwrap();
     let mut filler = Command::new("sh").args(["-c", "yes"]).stdout(writer.try_clone().unwrap()).spawn().unwrap();
     std::thread::sleep(Duration::from_millis(300));
@@ -138,7 +138,7 @@ fn signals_stop_a_run_and_keep_what_is_finished() {
         assert!((2..100).contains(&finished), "{signal}: {finished}");
         assert!(at.join(out).join("jobs.parquet").exists(), "tables of what is finished");
     }
-    // `nohup` asks that a terminal that is closed does not matter.
+    // With `nohup`, closing the terminal must not matter.
     let child = Command::new("nohup")
         .args([env!("CARGO_BIN_EXE_sinew"), "run", "study.toml", "--out", "nohup"])
         .current_dir(at)

@@ -1,4 +1,4 @@
-//! The Radau scheme: its order on a forward problem, what it does on the arm, and its predicted deficiencies.
+//! The Radau scheme: its order on a forward problem, its solutions for the arm, and its predicted deficiencies.
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;
@@ -35,7 +35,7 @@ fn excitation(m: usize, t: f64) -> f64 {
     0.1 + 0.02 * m as f64 + t * t
 }
 
-/// Still, the fibres a little stretched: every one shortens from the start.
+/// At rest, with slightly stretched fibres, which all shorten from the start.
 fn initial_state(model: &Model) -> Vec<f64> {
     let q = &measure(model, &settings(1, |_| ()), 6).coordinates[0];
     let mut state = q.clone();
@@ -48,7 +48,8 @@ fn initial_state(model: &Model) -> Vec<f64> {
     state
 }
 
-/// One interval of the scheme from `state` = (q, v, then a and l by muscle), as a least-squares problem with residual zero.
+/// One interval of the scheme from `state` = (q, v, then a and l by muscle), as a least-squares problem with zero
+/// residual.
 fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<f64> {
     let instant = Instant::new(model, Form::Stabilised);
     let scheme = Radau::new(&instant, 1, stages, h, false);
@@ -80,7 +81,7 @@ fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<
     places.iter().map(|&place| z[place]).collect()
 }
 
-/// State at `to` from that at `from`.
+/// The state at `to`, computed from the state at `from`.
 pub fn forward(model: &Model, intervals: usize, stages: usize, (from, to): (f64, f64), state: Vec<f64>) -> Vec<f64> {
     let h = (to - from) / intervals as f64;
     (0..intervals).fold(state, |state, k| step(model, stages, from + k as f64 * h, h, &state))
@@ -89,7 +90,7 @@ pub fn forward(model: &Model, intervals: usize, stages: usize, (from, to): (f64,
 #[test]
 fn each_number_of_stages_has_its_order_on_a_smooth_forward_problem() {
     let model = model("arm.toml");
-    // The stretched fibres snap back within some milliseconds; what follows is smooth.
+    // The stretched fibres snap back within a few milliseconds; after that the solution is smooth.
     let (from, to) = (0.03, 0.05);
     let start = forward(&model, 60, 3, (0.0, from), initial_state(&model));
     let fine = forward(&model, 64, 3, (from, to), start.clone());
@@ -101,7 +102,7 @@ fn each_number_of_stages_has_its_order_on_a_smooth_forward_problem() {
         let errors = [8, 16, 32].map(|n| error(n, stages));
         let orders = [(errors[0] / errors[1]).log2(), (errors[1] / errors[2]).log2()];
         println!("{stages} stage(s): errors {errors:?}, orders {orders:?}");
-        // At the last pair three stages are at rounding level.
+        // With three stages, the last pair is at rounding level.
         let order = if stages == 3 { orders[0] } else { orders[1] };
         let textbook = (2 * stages - 1) as f64;
         assert!((order - textbook).abs() < 0.15, "{stages} stages: {orders:?}");
@@ -134,7 +135,8 @@ fn every_case_of_table_1_converges_without_ringing() {
                 assert_eq!(row.prediction_agrees, Some(true), "{case} {row:?}");
                 if bounds == Bounds::Both {
                     assert!(outcome.muscles.iter().all(|m| m.ringing < 0.5), "{case} {:?}", outcome.muscles);
-                    // Alternation of the reactions beside their size: little (they bend where a bound begins).
+                    // The reactions alternate little relative to their size (they have kinks where a bound becomes
+                    // active).
                     let reactions: Vec<f64> = outcome
                         .trajectories
                         .iter()
@@ -205,7 +207,7 @@ fn predicted_deficiencies_hold_for_random_patterns_of_active_bounds() {
 
 #[test]
 fn without_load_sharing_the_count_is_the_muscles_freedom() {
-    // μ = 0, nothing active: nm (2 nm with a free start) + P (nm + nc − nq) + (nq − nc) = 5 + 5·3 + 2 at five points.
+    // μ = 0, no active bounds: nm (2 nm with a free start) + P (nm + nc − nq) + (nq − nc) = 5 + 5·3 + 2 at five points.
     let model = model("arm.toml");
     for (initial, expected) in [(Initial::Equilibrium, 22), (Initial::Free, 27)] {
         let settings = settings(1, |s| {

@@ -1,4 +1,4 @@
-//! A solution checked by code that did not make it.
+//! Checks a solution with code independent of the code that computed it.
 
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
@@ -15,7 +15,7 @@ use sinew::transcription::scheme::Discretisation;
 
 use super::support::{model, motion, prepare, settings};
 
-/// A solved arm curl: its decision vector by the names of its splines.
+/// A solved arm curl: its decision vector, accessed by the names of the splines.
 struct Solved {
     x: Vec<f64>,
     scheme: Midpoint,
@@ -52,7 +52,7 @@ impl Solved {
     }
 }
 
-/// Length of a muscle's path from the body coordinates, by plain geometry.
+/// Length of a muscle's path from the body coordinates, by elementary geometry.
 fn path_length(model: &Model, muscle: usize, q: &[f64]) -> f64 {
     let point = |place: &sinew::model::Place| match *place {
         sinew::model::Place::Ground(p) => p,
@@ -66,7 +66,7 @@ fn path_length(model: &Model, muscle: usize, q: &[f64]) -> f64 {
     points.windows(2).map(|w| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1])).sum()
 }
 
-/// The force–velocity relation as the paper prints it, eqs (8) and (9).
+/// The force–velocity relation as printed in the paper, eqs (8) and (9).
 fn printed_force_velocity(v: f64) -> f64 {
     let (b3, b4) = (0.25, -0.33 * 0.25 / 0.75);
     if v <= 0.0 { (1.0 - v) / (1.0 - v / b3) } else { (1.0 - 1.33 * v / b4) / (1.0 - v / b4) }
@@ -118,7 +118,7 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
                     *row += muscle.max_isometric_force * force * (shifted(e) - shifted(-e)) / (2.0 * e);
                 }
             }
-            // What is left is carried by the reactions; their moments about the joints vanish.
+            // The reactions carry the remainder; their moments about the joints vanish.
             let forearm_at_elbow = [elbow[0] - q[3], elbow[1] - q[4]];
             let elbow_moment = motion[5] - (forearm_at_elbow[0] * motion[4] - forearm_at_elbow[1] * motion[3]);
             assert!(elbow_moment.abs() < 1e-5, "{bounds:?} elbow {elbow_moment}");
@@ -129,7 +129,7 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
                 - (top[0] * shoulder_force[1] - top[1] * shoulder_force[0]);
             assert!(shoulder_moment.abs() < 1e-5, "{bounds:?} shoulder {shoulder_moment}");
         }
-        // φ is what the splines begin with.
+        // The splines start with φ.
         for m in 0..5 {
             let phi = solved.x[solved.scheme.initial_index(Initial::Activation, m)];
             assert!((phi - solved.activation(m, 0.0, 0)).abs() < 1e-9);
@@ -139,8 +139,8 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
 
 #[test]
 fn activation_and_fibre_length_integrated_forward_show_the_gap_between_the_points() {
-    // The scheme holds the equations at the points only. Between them activation follows its equation to the scheme's
-    // order; fibre length does not (the midpoint rule damps nothing): a finding, printed, not hidden.
+    // The scheme imposes the equations at the points only. Between them, activation satisfies its equation to the
+    // scheme's order. Fibre length does not (the midpoint rule has no damping): the error is printed.
     let model = model("arm.toml");
     let mut activation_gaps = Vec::new();
     for points in [6, 11, 21] {
@@ -156,7 +156,8 @@ fn activation_and_fibre_length_integrated_forward_show_the_gap_between_the_point
                 let k = solved.scheme.control.basis(t, 0).first;
                 let u = solved.x[solved.scheme.excitation_index(k, m)];
                 a = (a + h * u / 0.12) / (1.0 + h / 0.12);
-                // Implicit Euler on eq. (3) with the solution's motion and activation: falls with l, so bisect.
+                // Implicit Euler on eq. (3) with the solution's motion and activation. The residual falls with l, so
+                // bisect.
                 let q: Vec<f64> = (0..6).map(|i| solved.coordinate(i, t, 0)).collect();
                 let (path, active) = (path_length(&model, m, &q), solved.activation(m, t, 0));
                 let (mut low, mut high) = (l - 0.2, l + 0.2);
@@ -176,12 +177,12 @@ fn activation_and_fibre_length_integrated_forward_show_the_gap_between_the_point
         assert!(length_gap.is_finite());
         activation_gaps.push(activation_gap);
     }
-    // Excitation is constant over a span and steps by what it may: the gap falls with the span.
+    // Excitation is constant over a span and changes in steps: the error falls with the length of the span.
     assert!(activation_gaps[0] < 0.2, "{activation_gaps:?}");
     assert!(activation_gaps[2] < activation_gaps[0], "{activation_gaps:?}");
 }
 
-/// q̈ of the arm under given muscle forces (N), joints held by Lagrange multipliers with Baumgarte's stabilisation.
+/// q̈ of the arm under given muscle forces (N); Lagrange multipliers with Baumgarte stabilisation hold the joints.
 fn acceleration(model: &Model, q: &[f64], rate: &[f64], forces: &[f64]) -> Vec<f64> {
     let (nq, nc) = (model.coordinates(), model.constraints());
     let planar = model.planar().unwrap();

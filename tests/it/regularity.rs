@@ -1,4 +1,4 @@
-//! Predicted against computed deficiencies: on the jobs of Table 1, and on random patterns of active bounds.
+//! Predicted against computed deficiencies, for the jobs of Table 1 and for random patterns of active bounds.
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;
@@ -33,10 +33,10 @@ fn every_job_of_table_1_converges_and_has_the_predicted_deficiencies() {
         let same = Some(row.a.deficiency) == row.a.predicted && Some(row.aj.deficiency) == row.aj.predicted;
         assert!(same || row.ambiguous);
         excused += usize::from(!same);
-        // The cheap rank of the last iterate is another factorisation of nearly the same matrices.
+        // The fast rank of the last iterate comes from another factorisation of nearly the same matrices.
         assert!(outcome.iterations.last().unwrap().deficiency_a.is_some());
     }
-    // Nearly free directions: fibre velocities that run off to infinity.
+    // Differences come from nearly free directions: fibre velocities that tend to infinity.
     assert!(excused <= 3, "{excused} of 12 differ from the prediction");
 }
 
@@ -55,7 +55,7 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
                 s.load_sharing_grid = grid;
             });
             let problem = transcribe(&instant, &scheme, &measurement, &settings);
-            // Some muscles wholly idle, the others with a random pattern of bounds called active.
+            // Some muscles are entirely idle; the others have a random pattern of bounds that are treated as active.
             let idle: Vec<bool> = (0..model.muscles.len()).map(|_| rng.random_range(0.0..1.0) < 0.3).collect();
             let mut x: Vec<f64> = guess.iter().map(|v| v + rng.random_range(-0.02..0.02)).collect();
             for m in 0..model.muscles.len() {
@@ -71,7 +71,7 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
                 .filter(|&row| {
                     let bound = problem.bounds[row];
                     if idle[bound.muscle] {
-                        // All a are at 0; each u may or may not be looked at as active, too.
+                        // All a are at 0; each bound on u may or may not be treated as active, too.
                         bound.kind == BoundKind::Activation || rng.random_range(0.0..1.0) < 0.5
                     } else {
                         rng.random_range(0.0..1.0) < 0.4
@@ -95,7 +95,7 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
 
 #[test]
 fn without_load_sharing_the_count_is_the_muscles_freedom() {
-    // μ = 0, nothing active: 2 nm + p (nm + nc − nq) = 10 + 6·3 = 28 at p = 6.
+    // μ = 0, no active bounds: 2 nm + p (nm + nc − nq) = 10 + 6·3 = 28 at p = 6.
     let model = model("arm.toml");
     let table = motion("arm_curl.csv", &model);
     let (instant, scheme, measurement) = prepare(&model, &table, 6);
@@ -105,7 +105,7 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
     });
     let problem = transcribe(&instant, &scheme, &measurement, &settings);
     let mut x = start_guess(&instant, &scheme, 6, &measurement, Deadline::default()).unwrap();
-    // Activations and slow fibres, so that every muscle answers.
+    // Activations and slow fibres, so that every muscle produces force.
     for m in 0..5 {
         for k in 0..scheme.state.dimension() {
             x[scheme.activation_index(k, m)] = 0.2 + 0.01 * (k as f64);
@@ -129,12 +129,12 @@ fn a_result_folder_says_whether_each_answer_is_unique() {
     for row in 0..table.rows() {
         let none = |name| table.integer(name, row) == Some(0);
         assert_eq!(table.flag("unique", row), Some(none("deficiency_a") && none("deficiency_aj")));
-        // With μ > 0 what is free moves values between the points, never a force at one.
+        // With μ > 0, free directions change values between the points, but never a force at a point.
         assert_eq!(table.flag("loads_unique", row), Some(true));
     }
 }
 
-/// Fine meshes, on which the thesis' way of counting takes seconds.
+/// Fine meshes, for which the thesis' method of counting takes seconds.
 #[test]
 fn on_fine_meshes_pivots_count_as_the_singular_values_do() {
     let model = model("arm.toml");
@@ -145,7 +145,7 @@ fn on_fine_meshes_pivots_count_as_the_singular_values_do() {
         let (instant, scheme) = discretise(&model, &settings, points, table.duration());
         let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
         let mut x = start_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default()).unwrap();
-        // One muscle idle: of its active bounds on a and u, all but a few depend on the others.
+        // One muscle is idle: all but a few of its active bounds on a and u depend on the others.
         (0..scheme.state_coefficients()).for_each(|k| x[scheme.activation_index(k, 4)] = 0.0);
         (0..scheme.control_coefficients()).for_each(|j| x[scheme.excitation_index(j, 4)] = 0.0);
         let iterate = Iterate::new(&problem, x);

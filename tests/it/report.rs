@@ -1,4 +1,4 @@
-//! The page of `sinew report`: what it holds is what the tables hold.
+//! The page of `sinew report`: its data equal those of the tables.
 
 use std::io::Read;
 
@@ -12,7 +12,7 @@ use sinew::study::Study;
 
 use super::support::{SMALL, folder, root};
 
-/// The tables within a page, and its text.
+/// The text of a page, and the data embedded in it.
 fn unpacked(page: &std::path::Path) -> (String, Json) {
     let html = std::fs::read_to_string(page).unwrap();
     let data = html.split_once("<script id=\"data\" type=\"application/octet-stream\">").unwrap().1;

@@ -1,4 +1,4 @@
-//! Nothing finished is lost or wrong: kills, full disks, shards, manifests, failures.
+//! No finished job is lost or corrupted: kills, full disks, shards, manifests, failures.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -18,7 +18,7 @@ use super::cli::{sinew, text};
 use super::engine::tables;
 use super::support::{SMALL, folder, root, study};
 
-/// Long enough that a kill in the middle interrupts work: 36 jobs of some 40 ms.
+/// Long enough for a kill to interrupt it: 36 jobs of about 40 ms.
 const LONG: &str = r#"
 name = "long"
 model = "{root}/data/models/arm.toml"
@@ -60,7 +60,7 @@ fn twenty_kills_at_any_instant_change_nothing() {
         |out: &str| std::fs::read_to_string(at.join(out).join("finished.jsonl")).map_or(0, |t| t.lines().count());
     let mut interrupted_with = Vec::new();
     for round in 0..ROUNDS {
-        // One instant in each twenty-first of the run, so that they are spread over all of it.
+        // A random instant in each of `ROUNDS` equal parts of the run, so that the kills are spread over all of it.
         let out = format!("round{round}");
         let mut share = (round as f64 + rng.random::<f64>()) / ROUNDS as f64;
         let killed = loop {
@@ -71,10 +71,10 @@ fn twenty_kills_at_any_instant_change_nothing() {
             if !child.wait().unwrap().success() {
                 break finished(&out);
             }
-            share *= 0.9; // it was faster this time, and had ended: earlier, then
+            share *= 0.9; // the run ended before the kill: kill earlier
         };
         interrupted_with.push(killed);
-        // Sometimes killed once more in the middle of going on.
+        // Sometimes kill the continued run, too.
         if round % 3 == 0 {
             let mut child = begin(at, &out);
             std::thread::sleep(whole_run.mul_f64(0.3 * rng.random::<f64>()));
@@ -93,7 +93,7 @@ fn twenty_kills_at_any_instant_change_nothing() {
 fn a_full_disk_loses_nothing_that_is_finished() {
     let folder = folder(&[("study.toml", LONG)]);
     let at = folder.path();
-    // Writes fail from so many KB a file on, as on a full disk; the signal that comes with it is ignored.
+    // Writes beyond this many KB per file fail, as on a full disk; the accompanying signal is ignored.
     let limited = |kb: usize| {
         let script =
             format!("trap '' XFSZ; ulimit -f {kb}; exec {} run study.toml --out out", env!("CARGO_BIN_EXE_sinew"));
@@ -143,7 +143,7 @@ fn shards_in_any_order_merge_to_the_tables_of_one_run() {
     std::fs::create_dir(at.join("base")).unwrap();
     assert_eq!(sinew(&["compare", "parts", "base", "--accept"], at).status.code(), Some(0));
     assert_eq!(sinew(&["merge", "base"], at).status.code(), Some(2), "a baseline is not written over");
-    // A plan is frozen: shards of another do not mix with it.
+    // A plan is fixed: shards of another plan are refused.
     std::fs::write(
         at.join("study.toml"),
         std::fs::read_to_string(at.join("study.toml")).unwrap().replace("0.5,", "0.6,"),
@@ -196,12 +196,12 @@ fn plan_says_why_each_job_would_run() {
     write(&SMALL.replace("[sweep.grid]", "max_iterations = 2\n[sweep.grid]"));
     sinew(&["run", "study.toml"], at);
     assert!(plan().contains("6 failed before") && plan().contains("iteration_limit"), "{}", plan());
-    // Results of another solver are kept, shown, and renewed on request only.
+    // Results of another solver are kept, shown, and recomputed only on request.
     write(SMALL);
     sinew(&["run", "study.toml"], at);
     let store = at.join("results/small/finished.jsonl");
     let lines = std::fs::read_to_string(&store).unwrap();
-    // As an older version wrote them, whose check covered the outcome alone.
+    // Lines as written by an older version, whose hash covered only the outcome.
     let older = |line: &str| {
         let (header, outcome) = line.split_once(",\"outcome\":").unwrap();
         let check = &blake3::hash(outcome.strip_suffix('}').unwrap().as_bytes()).to_hex()[..16];
@@ -259,13 +259,13 @@ fn merges_may_meet_and_damage_is_run_again() {
         assert!(both.into_iter().all(|mut child| child.wait().unwrap().success()));
         assert_eq!(tables(&at.join("out")).len(), 9);
     }
-    // Ratios declared later reach the tables of shards as well.
+    // Ratios that are declared later also appear in the tables of shards.
     let text_of = std::fs::read_to_string(at.join("study.toml")).unwrap();
     std::fs::write(at.join("study.toml"), text_of.replace("name = \"flexors\"", "name = \"others\"")).unwrap();
     assert_eq!(shard("0/2"), Some(0));
     sinew(&["merge", "out"], at);
     assert_eq!(read("ratios", &at.join("out/ratios.parquet")).unwrap().text("ratio", 0), Some("others"));
-    // One byte in the middle of a file: seen by all, and run again.
+    // A changed byte in the middle of a file: every command detects it, and the job runs again.
     let path = at.join("out/finished.0-of-2.jsonl");
     let mut bytes = std::fs::read(&path).unwrap();
     let place = bytes.iter().position(|&b| b == b'\n').unwrap() - 50;
@@ -329,7 +329,7 @@ fn a_study_may_stop_at_its_first_failure() {
 
 #[test]
 fn failed_jobs_are_solved_by_continuation_in_steps() {
-    // A solver that only gets there from nearby: from a start at most 0.15 away in μ.
+    // A solver that converges only from nearby: from a start at most 0.12 away in μ.
     let text = SMALL.replace("mu = [0.1, 0.2, 0.4]", "mu = [0.1, 0.2, 0.4, 5.0]").replace("\"activation\", ", "");
     let folder = folder(&[("study.toml", &format!("on_failure = 'retry'\n{text}"))]);
     let (_, study) = study(&folder);
@@ -380,7 +380,7 @@ fn a_time_limit_stops_the_job() {
     assert_eq!(report.failed, 2);
     let jobs = read("jobs", &out.join("jobs.parquet")).unwrap();
     assert!((0..2).all(|row| jobs.text("status", row) == Some("time_limit")));
-    // Without the limit these take half a minute.
+    // Without the limit, these jobs take half a minute.
     assert!(clock.elapsed() < Duration::from_secs(8), "{:?}", clock.elapsed());
 }
 
@@ -446,7 +446,8 @@ fn a_line_of_absurd_length_is_damage() {
     }
 }
 
-/// Ranks and trajectories are added to solved jobs without another solve, and are those of a run that had them at once.
+/// Ranks and trajectories are added to solved jobs without solving again, and equal those of a run that computes them
+/// from the start.
 #[test]
 fn a_solved_job_is_completed_not_solved_again() {
     let text = |settings: &str| {
@@ -464,7 +465,7 @@ fn a_solved_job_is_completed_not_solved_again() {
         run_with(&full, &options(&out), &AtomicBool::new(false), &|_, _, _| panic!("nothing to solve")).unwrap();
     assert_eq!((report.finished, report.failed), (full.jobs.len(), 0));
     run(&full, &options(&whole), &AtomicBool::new(false)).unwrap();
-    // Counts of work differ: the ranks were taken from other factorisations.
+    // The work counts differ: the ranks come from other factorisations.
     let comparable = |out: &Path| {
         let mut tables = tables(out);
         tables[0].columns.retain(|(name, _)| name != "factorisations");

@@ -1,4 +1,5 @@
-//! Rigid bodies in space: what a motion without muscles must conserve, and derivatives of everything that a spatial model adds.
+//! Rigid bodies in space: quantities that a motion without muscles must conserve, and derivatives of everything that a
+//! spatial model adds.
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 use rand::{RngExt, SeedableRng};
@@ -25,7 +26,8 @@ fn joint(name: &str, parent: &str, at: &str, child: &str, axes: &[(&str, &str)])
         axes.iter().map(|(name, axis)| format!("{{ coordinate = \"{name}\", axis = {axis} }}")).collect();
     let coordinates: String = axes.iter().map(|(name, _)| format!("[[coordinate]]\nname = \"{name}\"\n")).collect();
     format!(
-        "[[joint]]\nname = \"{name}\"\nkind = \"axes\"\nparent = \"{parent}\"\nchild = \"{child}\"\nparent_point = {at}\nrotations = [{}]\n{coordinates}",
+        "[[joint]]\nname = \"{name}\"\nkind = \"axes\"\nparent = \"{parent}\"\nchild = \"{child}\"\n\
+         parent_point = {at}\nrotations = [{}]\n{coordinates}",
         rotations.join(", ")
     )
 }
@@ -40,13 +42,13 @@ fn pendulum() -> Model {
     model(&[HEAD, &body("rod", "[0.0, -0.4, 0.0]", ODD), &ball].concat())
 }
 
-/// A symmetric body on its tip.
+/// A symmetric top, standing on its tip.
 fn top() -> Model {
     let ball = joint("tip", "ground", "[0.0, 0.0, 0.0]", "top", &[("a", X), ("b", Y), ("c", Z)]);
     model(&[HEAD, &body("top", "[0.0, 0.2, 0.0]", LONG), &ball].concat())
 }
 
-/// A ball joint, then a hinge askew.
+/// A ball joint, followed by an oblique hinge.
 fn double_pendulum() -> Model {
     let ball = joint("ball", "ground", "[0.1, 0.0, 0.0]", "upper", &[("a", X), ("b", Y), ("c", Z)]);
     let hinge = joint("hinge", "upper", "[0.0, -0.5, 0.0]", "lower", &[("d", "[0.3, 0.2, 1.0]")]);
@@ -59,7 +61,7 @@ const Y: &str = "[0.0, 1.0, 0.0]";
 const Z: &str = "[0.0, 0.0, 1.0]";
 
 fn angular_velocity(p: &[f64], rate: &[f64]) -> Vector3<f64> {
-    // ω′ = 2 L(p) ṗ by the definition: A(p)ᵀ dA/dt is the matrix of ω′×.
+    // ω′ = 2 L(p) ṗ, from the definition that A(p)ᵀ dA/dt is the matrix of ω′×.
     let columns = |x: &[f64; 3]| {
         let slopes = euler::slopes(p, *x);
         Vector3::from_fn(|i, _| (0..4).map(|k| slopes[k][i] * rate[k]).sum())
@@ -88,12 +90,13 @@ fn conserved(model: &Model, state: &[f64], pivot: [f64; 3]) -> (f64, f64) {
     (energy, momentum)
 }
 
-/// State at rest but for angular velocities (body axes, rad/s), from the skeleton's pose.
+/// State in a pose of the skeleton, with the given angular velocities (body axes, rad/s).
 fn state(model: &Model, pose: &[f64], spins: &[[f64; 3]]) -> Vec<f64> {
     let spatial = model.spatial().unwrap();
     let q = spatial.coordinates_of(&spatial.skeleton.frames(pose), None);
     let mut velocities = Vec::new();
-    let mut above: Option<(Vector3<f64>, Vector3<f64>, Vector3<f64>)> = None; // ω, velocity and place of the centre above
+    // ω, velocity and position of the centre of the body above.
+    let mut above: Option<(Vector3<f64>, Vector3<f64>, Vector3<f64>)> = None;
     for (b, spin) in spins.iter().enumerate() {
         let q = &q[PER_BODY * b..PER_BODY * (b + 1)];
         let turn = |x: [f64; 3]| Vector3::from(euler::rotate(&q[3..], x));
@@ -123,7 +126,7 @@ fn state(model: &Model, pose: &[f64], spins: &[[f64; 3]]) -> Vec<f64> {
 fn pendulum_top_and_double_pendulum_conserve_energy_and_momentum_to_the_order_of_the_scheme() {
     let hinge = Vector3::new(0.3, 0.2, 1.0).normalize();
     let upper = Vector3::new(0.7, 1.2, 0.3);
-    // The lower body's spin is that of the upper one, in its own axes, and more about the hinge.
+    // The lower body's spin is that of the upper one, in its own axes, plus a rotation about the hinge.
     let turn = *nalgebra::Rotation3::new(hinge * 0.4).matrix();
     let lower: [f64; 3] = (Matrix3::transpose(&turn) * upper + hinge * 1.5).into();
     let (pendulum, top, double) = (pendulum(), top(), double_pendulum());
@@ -147,7 +150,7 @@ fn pendulum_top_and_double_pendulum_conserve_energy_and_momentum_to_the_order_of
                 let order = (error[1] / error[2]).log2();
                 println!("{name}, {stages} stage(s), {what}: {error:?}, order {order:.2}");
                 let textbook = (2 * stages - 1) as f64;
-                // At rounding level there is no order to see.
+                // At rounding level, the order cannot be observed.
                 assert!(error[2] < 1e-11 || order > textbook - 0.4, "{name} {stages} {what} {error:?} {order}");
             }
             assert!(errors[2][0] < [2e-2, 1e-5, 1e-7][stages - 1], "{name}, {stages} stage(s): {errors:?}");
@@ -206,13 +209,13 @@ fn lengths_of_spatial_paths_have_their_derivatives() {
     assert!(compared > 10_000, "{compared}");
 }
 
-/// Central differences of sixth order: places in steps, and weights.
+/// Sixth-order central differences: positions in steps, and weights.
 const STENCIL: [(f64, f64); 6] =
     [(-3.0, -1.0 / 60.0), (-2.0, 0.15), (-1.0, -0.75), (1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0)];
-/// As a share of the way from pose to pose.
+/// Step as a fraction of the path from pose to pose.
 const STEP: f64 = 3e-6;
 
-/// Where contact comes and goes a shortest way has a second derivative that jumps; that of a study's paths does not.
+/// The second derivative of a shortest path jumps where contact begins or ends; that of a study's paths does not.
 #[test]
 fn second_derivatives_go_on_where_contact_comes_and_goes() {
     let text = std::fs::read_to_string(super::support::root().join("data/models/upper_limb.toml")).unwrap();
@@ -249,18 +252,18 @@ fn second_derivatives_go_on_where_contact_comes_and_goes() {
                 *(if evaluate(middle).1 == before { &mut low } else { &mut high }) = middle;
             }
             let (a, b) = (evaluate(low - 1e-7).0, evaluate(high + 1e-7).0);
-            // The two surfaces of the infraspinatus: its way changes sides, and its length jumps (README).
+            // The infraspinatus has two surfaces: its path changes sides, and its length jumps (README).
             if (a.value - b.value).abs() > 1e-5 {
                 jumps += 1;
                 continue;
             }
             passed += 1;
-            // A way around two surfaces is found in turns, and is not sharper.
+            // A path around two surfaces is found by alternating between them, and is less accurate.
             let sharp = if path.surfaces.len() == 1 { 1e-4 } else { 1e-3 };
             let size = a.hessian.iter().fold(1.0f64, |size, h| size.max(h.abs()));
             let gap = a.hessian.iter().zip(&b.hessian).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(gap < sharp * size, "{}: the Hessian jumps by {gap} of {size}", muscle.name);
-            // And all along the way across, value, gradient and Hessian are each other's derivatives.
+            // All the way across, the gradient is the derivative of the value, and the Hessian that of the gradient.
             let way: Vec<f64> = path.slots.iter().map(|&slot| to[slot] - from[slot]).collect();
             for offset in [-3e-3, -1e-3, -3e-4, -1e-4, -1e-5, 0.0, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3] {
                 let centre = 0.5 * (low + high) + offset;
@@ -282,13 +285,15 @@ fn second_derivatives_go_on_where_contact_comes_and_goes() {
     assert!(passed > 30 && jumps < passed / 3, "{passed} contacts, {jumps} jumps");
 }
 
-/// The upper limb in double poling, as a job sees it.
+/// The upper limb in double poling, as set up for a job.
 fn poling(girdle: &str, more: &str) -> sinew::study::Study {
     let root = super::support::root().display();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("study.toml");
     let text = format!(
-        "name = \"poling\"\nmodel = \"{root}/data/models/upper_limb.toml\"\nmotion = \"{root}/data/motions/double_poling.csv\"\n[base]\ngirdle = \"{girdle}\"\nh = 0.1\nregularity = \"off\"\nbounds = \"both_boxed\"\n{more}"
+        "name = \"poling\"\nmodel = \"{root}/data/models/upper_limb.toml\"\n\
+         motion = \"{root}/data/motions/double_poling.csv\"\n[base]\ngirdle = \"{girdle}\"\nh = 0.1\n\
+         regularity = \"off\"\nbounds = \"both_boxed\"\n{more}"
     );
     std::fs::write(&path, text).unwrap();
     sinew::study::Study::load(&path).unwrap()
@@ -343,13 +348,14 @@ fn equations_of_every_girdle_have_their_derivatives() {
             let ((up, gradient_up), (down, gradient_down)) = (at(e), at(-e));
             for i in 0..rows {
                 let (slope, value) = ((up[i] - down[i]) / (2.0 * e), exact[i * nz + j]);
-                // A way around two surfaces is found in turns and is not sharper than this; `lengths_of_spatial_paths_…` holds 1e-6.
+                // A path around two surfaces is found by alternating between them and is no more accurate than this;
+                // `lengths_of_spatial_paths_…` tests with 1e-6.
                 assert!((slope - value).abs() < 3e-5 * (1.0 + value.abs()), "{girdle} {i} {j}: {slope} {value}");
                 assert!(value == 0.0 || first.contains(&(i, j)), "{girdle}: pattern misses {i} {j}");
             }
             for i in 0..nz {
                 let (bend, value) = ((gradient_up[i] - gradient_down[i]) / (2.0 * e), hessian[i * nz + j]);
-                // Third derivatives of wrapped paths are differences themselves.
+                // Third derivatives of wrapped paths are themselves finite differences.
                 assert!((bend - value).abs() < 1e-4 * (1.0 + value.abs()), "{girdle} {i} {j}: {bend} {value}");
                 assert!(value == 0.0 || second.contains(&(i, j)), "{girdle}: pattern misses {i} {j}");
             }
@@ -376,7 +382,7 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
                 assert!(value.abs() < 1e-6, "{girdle}: constraint {row} is {value} at {t} s");
             });
         }
-        // The abduction asked for is that reached, on top of the 30 degrees of the motion.
+        // The requested abduction is reached, in addition to the 30 degrees of the motion.
         z[..measurement.coordinates[0].len()].copy_from_slice(&measurement.coordinates[60]);
         let spatial = model.spatial().unwrap();
         let reached = spatial.abduction_reached(&instant.coordinates(measurement.times[60], &z)).unwrap();
@@ -403,7 +409,7 @@ fn mistakes_in_spatial_studies_are_named() {
     let header = motion.lines().find(|line| line.starts_with("time")).unwrap();
     let drop_column = |name: &str| motion.replace(header, &header.replace(name, &format!("#{name}")));
     let at = header.split(',').position(|name| name == "clav_elev_deg").unwrap();
-    // The clavicle raised by 10 degrees, the scapula not.
+    // The clavicle is raised by 10 degrees, the scapula is not.
     let raised: String = motion
         .lines()
         .map(|line| {
@@ -451,7 +457,8 @@ fn muscles_are_ranked_by_their_answer_to_a_change() {
     let folder = super::support::folder(&[]);
     let study = folder.path().join("study.toml");
     let text = format!(
-        "name = \"x\"\nmodel = \"{root}/data/models/arm.toml\"\nmotion = \"{root}/data/motions/arm_curl.csv\"\n[sweep.grid]\nmu = [0.2, 0.4]\n\"muscle.biceps.tendon_slack_length_scale\" = [1.0, 0.9]\n"
+        "name = \"x\"\nmodel = \"{root}/data/models/arm.toml\"\nmotion = \"{root}/data/motions/arm_curl.csv\"\n\
+         [sweep.grid]\nmu = [0.2, 0.4]\n\"muscle.biceps.tendon_slack_length_scale\" = [1.0, 0.9]\n"
     );
     std::fs::write(&study, text).unwrap();
     let out = folder.path().join("out");

@@ -1,4 +1,4 @@
-//! Spatial models: frames, ways around surfaces, lengths and moment arms.
+//! Spatial models: frames, paths around surfaces, lengths and moment arms.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ fn total(contact: Option<Contact>, a: &Vector, b: &Vector) -> f64 {
     contact.map_or_else(|| norm(&minus(b, a)), |c| norm(&minus(&c.first, a)) + c.length + norm(&minus(b, &c.last)))
 }
 
-/// Pairs of points on either side of a body of size about 1, so that many ways touch it.
+/// Pairs of points on either side of a body of size about 1, so that many paths touch it.
 fn pairs(count: usize) -> Vec<(Vector, Vector)> {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
     let mut point =
@@ -66,14 +66,15 @@ fn ways_around_an_ellipsoid_leave_it_along_its_tangents_and_are_shortest_nearby(
             assert!((value - 1.0).abs() < 1e-8, "on the surface");
             assert!(dot(&normal, &minus(&at, &from)).abs() < 1e-8, "tangent to it");
         }
-        // A fine polygon over the surface through the two contacts and any third point of it near the middle is no shorter.
+        // A fine polygon on the surface, through the two contacts and any third point near the middle, is not shorter.
         let own = total(Some(contact), &a, &b);
         let middle = onto(&[0, 1, 2].map(|i| 0.5 * (contact.first[i] + contact.last[i])));
         let sideways = unit(&cross(&minus(&contact.last, &contact.first), &middle));
         for shift in [-0.1, -0.03, 0.03, 0.1] {
             let other = onto(&[0, 1, 2].map(|i| middle[i] + shift * sideways[i]));
             let way = norm(&minus(&other, &a)).max(0.0) + norm(&minus(&b, &other));
-            // (a straight line through the ellipsoid is a lower bound for that part: only compare where it stays outside)
+            // (A straight line through the ellipsoid is shorter than this part can be: compare only lines that stay
+            // outside.)
             let outside = |p: &Vector, q: &Vector| {
                 (1..50).all(|k| {
                     let x = [0, 1, 2].map(|i| p[i] + f64::from(k) / 50.0 * (q[i] - p[i]));
@@ -95,7 +96,7 @@ fn a_one_sided_cylinder_is_passed_on_its_side_only() {
     assert_eq!(on(1.0).contact(&a, &b), None);
     let below = on(-1.0).contact(&a, &b).unwrap();
     assert!(below.first[1].max(below.last[1]) < 0.0, "it goes below");
-    // The way is as long as the string in the developed surface.
+    // The path is as long as the string on the developed surface.
     let across = 2.0 * (13.0f64 - 1.0).sqrt();
     let arc = std::f64::consts::TAU - 2.0 * (3.0f64.atan2(2.0)) - 2.0 * (1.0 / 13f64.sqrt()).acos();
     assert!((total(Some(below), &a, &b) - (across + arc).hypot(1.0)).abs() < 1e-12);
@@ -105,11 +106,11 @@ fn a_one_sided_cylinder_is_passed_on_its_side_only() {
 fn moment_arms_are_the_slopes_of_lengths_and_lengths_do_not_jump() {
     let skeleton = upper_limb();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
-    // The girdle nearly as it is, so that no insertion ends up within the thorax, from where no way leads around it.
+    // Move the girdle only little: an insertion inside the thorax would have no path around it.
     let names = ["plane_elv", "shoulder_elv", "axial_rot", "elbow_flexion"];
     let (mut compared, mut changes) = (0, 0);
     for _ in 0..6 {
-        // A sweep of one coordinate in small steps from a random pose.
+        // Sweep one coordinate in small steps from a random pose.
         let mut q = skeleton.default_pose();
         for name in names {
             q[skeleton.coordinate(name).unwrap()] += rng.random_range(-0.3..0.6);
@@ -135,13 +136,14 @@ fn moment_arms_are_the_slopes_of_lengths_and_lengths_do_not_jump() {
                 if skeleton.muscles[m].name.starts_with("Infraspinatus") {
                     continue; // its way around the humeral head changes sides, which is not smooth yet
                 }
-                // The trapezoid's error is of the order of the step cubed, and of its square where contact begins.
+                // The error of the trapezoidal rule is of third order in the step, and of second order where contact
+                // begins.
                 let most = if old_touched[m] == new_touched[m] { 2e-6 } else { 8e-6 };
                 assert!((change - slopes).abs() < most, "{}: {change} {slopes}", skeleton.muscles[m].name);
                 compared += 1;
             }
         }
-        // Against differences at the pose itself, all coordinates.
+        // Compare with finite differences at the pose itself, for all coordinates.
         let exact = skeleton.lengths_and_moment_arms(&q);
         for k in 0..q.len() {
             let at = |by: f64| {
@@ -160,7 +162,7 @@ fn moment_arms_are_the_slopes_of_lengths_and_lengths_do_not_jump() {
     assert!(compared > 30_000 && changes >= 10, "{compared} {changes}");
 }
 
-/// Largest length error (mm) and RMS of the moment arms' (mm) by muscle, over the poses where OpenSim has no jump.
+/// Largest length error (mm) and RMS error of the moment arms (mm) by muscle, over the poses where OpenSim has no jump.
 fn against_opensim(sample: &str) -> BTreeMap<String, (f64, f64)> {
     let skeleton = upper_limb();
     let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(sample.as_bytes());
@@ -192,7 +194,7 @@ fn against_opensim(sample: &str) -> BTreeMap<String, (f64, f64)> {
     sums.into_iter().map(|(name, (length, squares, n))| (name, (length, (squares / n).sqrt()))).collect()
 }
 
-/// Whose path in OpenSim cuts through a surface in some poses, see the README.
+/// Muscles whose path in OpenSim cuts through a surface in some poses, see the README.
 const CUT_THROUGH: [&str; 3] = ["Infraspinatus_I", "Infraspinatus_S", "Subscapularis_S"];
 
 fn within_limits(found: &BTreeMap<String, (f64, f64)>) {

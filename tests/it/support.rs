@@ -1,4 +1,4 @@
-//! What several tests need: the shipped models, studies on the fly, a folder that goes away.
+//! Helpers for several tests: the shipped models, ad-hoc studies, temporary folders.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A file of the folder beside the project, which is not everywhere.
+/// A file of the folder next to the project, which does not exist on every machine.
 pub fn shared(file: &str) -> Option<PathBuf> {
     let path = root().join("../shared").join(file);
     if !path.exists() {
@@ -36,7 +36,7 @@ pub fn motion(name: &str, model: &Model) -> MotionTable {
     MotionTable::load(&root().join("data/motions").join(name), model).unwrap()
 }
 
-/// A folder with a study (and what else `files` says) in it; the text may use {root}.
+/// A temporary folder with the given files, such as a study; their texts may contain {root}.
 pub fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (name, text) in files {
@@ -52,14 +52,14 @@ pub fn study(folder: &tempfile::TempDir) -> (PathBuf, Study) {
     (path, study)
 }
 
-/// Settings with h = 0.2 and what `change` makes of them.
+/// Settings with h = 0.2, modified by `change`.
 pub fn settings(change: impl FnOnce(&mut Settings)) -> Settings {
     let mut settings = Settings { h: 0.2, scheme: Scheme::Midpoint, ..Settings::default() };
     change(&mut settings);
     settings
 }
 
-/// The measurement that settings ask for, on `points` collocation points.
+/// The measurement for the given settings, on `points` collocation points.
 pub fn measured(settings: &Settings, model: &Model, table: &MotionTable, points: usize) -> Measurement {
     motion_settings(settings).measure(table, model, points, Deadline::default()).unwrap()
 }
@@ -72,7 +72,7 @@ pub fn prepare<'m>(model: &'m Model, table: &MotionTable, points: usize) -> (Ins
     (instant, scheme, measurement)
 }
 
-/// The study of the tests of the engine: quick, two axes.
+/// The study for tests of the engine: fast, with two axes.
 pub const SMALL: &str = r#"
 name = "small"
 model = "{root}/data/models/arm.toml"

@@ -1,4 +1,4 @@
-//! The forms of a sweep, by the shipped studies: as many jobs as they should have, and all of them solved.
+//! The forms of a sweep, using the shipped studies: each has the expected number of jobs, and all of them are solved.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ fn load(name: &str) -> Study {
     Study::load(&root().join("studies").join(name)).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
 }
 
-/// The swept values of a job as `name=value` words.
+/// The swept values of a job, each as `name=value`.
 fn words(study: &Study, job: &Job) -> String {
     let word = |(name, value): (&String, &Option<Value>)| {
         format!(
@@ -144,7 +144,7 @@ fn a_job_is_the_same_however_it_is_written() {
     assert_ne!(base, ids("\"body.forearm.mass_scale\" = [1.1]"));
 }
 
-/// A study of the small arm with other sweeps.
+/// A study of the small arm with different sweeps.
 fn swept(sweep: &str) -> Study {
     let (head, _) = SMALL.split_once("[sweep.grid]").unwrap();
     let folder = folder(&[("study.toml", &format!("{head}{sweep}"))]);
@@ -166,7 +166,7 @@ fn labels_are_what_a_job_has_and_conditions_look_at_that() {
     );
     assert_eq!(study.jobs.len(), 1);
     assert!(study.jobs[0].changes.is_empty());
-    // What the midpoint rule does not look at makes no second job.
+    // A setting that the midpoint rule ignores does not make a second job.
     assert_eq!(swept("[sweep.grid]\nscheme = ['midpoint']\nstages = [1, 2, 3]").jobs.len(), 1);
     assert_eq!(
         swept("[sweep.grid]\nmeasurement_ratio = [3, 6]\n[[sweep.when]]\nmeasurement_ratio = 6").jobs[0].id,
@@ -181,7 +181,7 @@ fn the_shipped_schema_is_that_of_the_types() {
     assert!(shipped == made, "run `sinew schema > data/study.schema.json`");
 }
 
-/// Validates every shipped study, and mistakes, with another program's reading of the schema.
+/// Validates every shipped study, and some invalid ones, with an independent implementation of JSON Schema.
 const VALIDATE: &str = r#"
 import json, sys, tomllib, jsonschema
 schema = json.load(open(sys.argv[1]))
@@ -194,7 +194,8 @@ head = 'name = "a"\nmodel = "m"\nmotion = "n"\n'
 for mistake in ['[bse]', '[base]\nmuu = 1', '[base]\nmu = "much"', '[base]\nscheme = "radu"', '[base]\nstages = 4',
                 '[sweep.gird]\nmu = [1]', '[sweep.grid]\nmu = []', '[sweep.grid]\nmu = 1',
                 '[sweep.grid]\nmu = { from = 1, to = 2 }', '[sweep.grid]\nbounds = ["bth"]',
-                '[sweep.sample]\ncount = 3\nmu = { from = 1, to = 2 }', '[sweep.sample]\ncount = 3\nseed = 1\nmethod = "lhs"',
+                '[sweep.sample]\ncount = 3\nmu = { from = 1, to = 2 }',
+                '[sweep.sample]\ncount = 3\nseed = 1\nmethod = "lhs"',
                 '[[ratio]]\nname = "r"\nnumerator = "a"', '[sweep]\nwhen = [{ muu = 1 }]', 'on_failure = "cry"']:
     text = mistake + "\n" + head if mistake.startswith("on_") else head + mistake
     assert list(validator.iter_errors(tomllib.loads(text))), mistake

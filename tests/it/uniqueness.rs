@@ -1,4 +1,4 @@
-//! Intervals, null spaces in words, and sensitivities, each against something that did not produce it.
+//! Intervals, descriptions of null spaces, and sensitivities, each checked by an independent computation.
 
 use sinew::deadline::Deadline;
 use sinew::nlp::iterate::Iterate;
@@ -83,7 +83,7 @@ fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction
         Solution { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, iterate: &iterate };
     let means = solution.mean_activations();
     let intervals = activation_intervals(&problem, &iterate, &means, &null, Default::default());
-    // How far each null direction may go before an activation leaves 0 … 1: nothing beyond the interval.
+    // Follow each null direction until an activation leaves 0 … 1: the mean activation stays within the interval.
     let mut reached = 0;
     for direction in null.iter().flat_map(|d| [d.clone(), d.iter().map(|v| -v).collect()]) {
         let mut length = f64::INFINITY;
@@ -114,7 +114,7 @@ fn a_unique_load_is_an_interval_of_no_width() {
         let (low, high) = (muscle.mean_activation_low.unwrap(), muscle.mean_activation_high.unwrap());
         assert!((low - muscle.mean_activation).abs() < 1e-9 && (high - low).abs() < 1e-9, "{muscle:?}");
     }
-    // An idle muscle's fibre is free in the midpoint scheme, and the words say so.
+    // An idle muscle's fibre is free in the midpoint scheme, and the description says so.
     let ringing = settings(|s| (s.bounds, s.regularity) = (Bounds::Both, RegularityMode::Optimum));
     let words = solve(&arm, &table, &ringing, 6).regularity.unwrap().null_space.unwrap();
     assert!(words.contains("while idle"), "{words}");

@@ -1,11 +1,11 @@
-//! Starts from other answers.
+//! Starts from the answers of other jobs.
 
 use sinew::solve::{Task, discretise, solve, solve_from, transcribe};
 use sinew::study::settings::{RegularityMode, Scheme, WarmStart};
 
 use super::support::{measured, model, motion, settings};
 
-/// The points of a mesh of half the step contain the old ones; there, the start has the old values.
+/// The points of a mesh with half the step contain the old points; there, the start has the old values.
 #[test]
 fn an_answer_is_prolonged_exactly() {
     let arm = model("arm.toml");
@@ -19,7 +19,7 @@ fn an_answer_is_prolonged_exactly() {
         let problem = transcribe(&instant, same.as_ref(), &measured(&settings, &arm, &table, 11), &settings);
         let answer = answer.unwrap();
         let start = answer.start(&problem, same.as_ref());
-        // On its own mesh the answer is its own solution, multipliers and all.
+        // On its own mesh, the answer reproduces its solution, including the multipliers.
         let again = sinew::nlp::sqp::solve(&problem, start, Default::default());
         assert!(again.iterations() <= 2, "{scheme:?} {stages}: {} iterations", again.iterations());
         assert!((again.iterate.objective - outcome.job.objective.unwrap()).abs() < 1e-9);

@@ -1,4 +1,5 @@
-//! Where paths wrap, and on which side: lengths by hand, tautness by other means than those that made the path, and OpenSim's own numbers.
+//! Where paths wrap, and on which side: compares with lengths by hand, an independent test of tautness, and OpenSim's
+//! own results.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
@@ -23,7 +24,8 @@ fn side(axis: usize, sign: f64) -> Option<Side> {
     Some(Side { axis, sign })
 }
 
-/// A string around a circle of radius r between points at distances d, over an angle seen from the middle.
+/// Length of a string around a circle of radius r between points at distances d from the centre; the angle is at the
+/// centre.
 fn string(r: f64, d: [f64; 2], angle: f64) -> f64 {
     let free = d.map(|d| (d * d - r * r).sqrt());
     let arc = angle - (r / d[0]).acos() - (r / d[1]).acos();
@@ -34,29 +36,29 @@ fn string(r: f64, d: [f64; 2], angle: f64) -> f64 {
 fn a_cylinder_with_a_side_is_wrapped_as_the_rules_of_its_table_say() {
     let on = |sign: f64| Shape::Cylinder { radius: 1.0, side: side(0, sign), length: f64::INFINITY };
     let far = 5f64.sqrt();
-    // Both ends on the side, and the line passes: straight on, not the long way round.
+    // Both ends are on the given side, and the line misses: straight, not the long way round.
     assert_eq!(on(-1.0).wrap(&[-2.0, 1.0, 0.0], &[-2.0, -1.0, 0.0], None), Wrap::Missed);
-    // The line runs through: over the side, even where that is the longer way.
+    // The line runs through the cylinder: wrap on the given side, even if that is longer.
     let (a, b) = ([0.5, 2.0, 0.0], [0.5, -2.0, 0.0]);
     let contact = on(-1.0).contact(&a, &b).expect("it runs through");
     let d = 0.5f64.hypot(2.0);
     let angle = TAU - 2.0 * (2.0f64).atan2(0.5);
     assert!((total(&contact, &a, &b) - string(1.0, [d, d], angle)).abs() < 1e-12);
     assert!(contact.first[0] < 0.0 && contact.last[0] < 0.0);
-    // With an end on the side it must wrap here.
+    // An end is on the given side: it must wrap here.
     let (a, b) = ([-0.5, 2.0, 0.0], [2.0, -2.0, 0.0]);
     assert!(matches!(on(-1.0).wrap(&a, &b, None), Wrap::Certain(_)));
-    // The line passes on the other side, one end on this: around, if no other segment makes less of a detour.
+    // The line misses on the other side, with one end on this side: wrap, unless another segment has a shorter detour.
     let (a, b) = ([-0.5, 2.0, 0.0], [3.0, 0.5, 0.0]);
     assert!(matches!(on(-1.0).wrap(&a, &b, None), Wrap::Possible(_)), "{:?}", on(-1.0).wrap(&a, &b, None));
-    // Neither end on the side: a loop around the axis where that is what it takes.
+    // Neither end is on the given side: a loop around the axis, if necessary.
     let (a, b) = ([2.0, 1.0, 0.0], [2.0, -1.0, 0.0]);
     let Wrap::Possible(contact) = on(-1.0).wrap(&a, &b, None) else { panic!("it has to go around") };
     let around = string(1.0, [far, far], TAU - 2.0 * 1f64.atan2(2.0));
     assert!((total(&contact, &a, &b) - around).abs() < 1e-12);
-    // An end inside: there is no way.
+    // An end is inside: there is no path.
     assert_eq!(on(1.0).wrap(&[0.5, 0.5, 0.0], &b, None), Wrap::Inside);
-    // Beyond both ends of a short cylinder it passes straight on.
+    // Beyond the ends of a short cylinder, the path is straight.
     let short = Shape::Cylinder { radius: 1.0, side: None, length: 1.0 };
     assert_eq!(short.wrap(&[-2.0, 0.1, 2.0], &[2.0, 0.1, 2.0], None), Wrap::Missed);
 }
@@ -70,7 +72,7 @@ fn a_sphere_and_an_ellipsoid_with_a_side_are_passed_on_it() {
         let expected = string(1.0, [d, d], angle);
         let sphere = Shape::Sphere { radius: 1.0, side: side(1, sign) };
         let ball = Shape::Ellipsoid { radii: [1.0; 3], side: side(1, sign) };
-        // Ends at y = 0.2 count as on the side of +y: there the shorter way is the one of the side.
+        // Ends at y = 0.2 count as being on the side of +y, where the path on that side is the shorter one.
         for (shape, name) in [(&sphere, "sphere"), (&ball, "ball")] {
             let contact = shape.contact(&a, &b).expect("the line runs through");
             let found = total(&contact, &a, &b);
@@ -78,14 +80,14 @@ fn a_sphere_and_an_ellipsoid_with_a_side_are_passed_on_it() {
             assert!(sign * (contact.first[1] + contact.last[1]) > 0.0, "{name} {sign}");
         }
     }
-    // Off the sphere nothing wraps, whatever the side.
+    // A line that misses the sphere does not wrap, whatever the side.
     assert_eq!(
         Shape::Sphere { radius: 1.0, side: side(1, -1.0) }.wrap(&[-3.0, 1.5, 0.0], &[3.0, 1.5, 0.0], None),
         Wrap::Missed
     );
 }
 
-/// A line that touches, within rounding, is a straight line, not one with a loop.
+/// A line that is tangent within rounding stays straight, without a loop.
 #[test]
 fn a_tangent_of_a_cylinder_takes_no_loop() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
@@ -102,7 +104,7 @@ fn a_tangent_of_a_cylinder_takes_no_loop() {
     }
 }
 
-/// Straight through the centre no side is nearer; the path takes the one that is asked for.
+/// On a line through the centre, no side is nearer; the path takes the requested one.
 #[test]
 fn a_line_through_the_centre_of_an_ellipsoid_keeps_to_its_side() {
     let radii = [0.6, 0.8, 1.0];
@@ -117,7 +119,8 @@ fn a_line_through_the_centre_of_an_ellipsoid_keeps_to_its_side() {
     }
 }
 
-/// A path over three points around several surfaces is as short as its contacts can be made, and cuts through none of its surfaces.
+/// A path over three points around several surfaces cannot be shortened by moving its contacts, and cuts through none
+/// of its surfaces.
 #[test]
 fn a_path_around_several_surfaces_is_taut() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
@@ -148,12 +151,12 @@ fn a_path_around_several_surfaces_is_taut() {
                 assert!((contact[0].hypot(contact[1]) - radius).abs() < 1e-9, "on the surface");
                 assert!(dot(&normal, &minus(&contact, &end)).abs() < 1e-9, "along its tangent");
             }
-            // A helix goes on as the straight parts do: their slope along the axis is the same.
+            // A helix continues the straight parts: their slope along the axis is the same.
             let slope = |x: &Vector, y: &Vector| (y[2] - x[2]) / (y[0] - x[0]).hypot(y[1] - x[1]);
             assert!((slope(&a, &first) - slope(&last, &b)).abs() < 1e-8, "{touch:?}");
             before = touch.contact.last;
         }
-        // The straight part between both is outside of both.
+        // The straight part between both surfaces is outside both.
         if let [one, other] = &found[..] {
             for k in 1..20 {
                 let x: Vector = std::array::from_fn(|i| {
@@ -174,18 +177,24 @@ fn model(points: [&str; 3], cylinder: &str, wrap: &str) -> Skeleton {
     let point = |(k, at): (usize, &&str)| {
         let body = if k == 2 { "/bodyset/b" } else { "/ground" };
         format!(
-            "<PathPoint name=\"p{k}\"><socket_parent_frame>{body}</socket_parent_frame><location>{at}</location></PathPoint>"
+            "<PathPoint name=\"p{k}\"><socket_parent_frame>{body}</socket_parent_frame><location>{at}</location>\
+             </PathPoint>"
         )
     };
     let points: String = points.iter().enumerate().map(point).collect();
     let text = format!(
         "<OpenSimDocument Version=\"40000\"><Model name=\"m\">
-<Ground name=\"ground\"><WrapObjectSet name=\"w\"><objects><WrapCylinder name=\"c\">{cylinder}</WrapCylinder></objects></WrapObjectSet></Ground>
-<BodySet><objects><Body name=\"b\"><mass>1</mass><mass_center>0 0 0</mass_center><inertia>1 1 1 0 0 0</inertia></Body></objects></BodySet>
-<JointSet><objects><PinJoint name=\"j\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/b</socket_child_frame>
+<Ground name=\"ground\"><WrapObjectSet name=\"w\"><objects><WrapCylinder name=\"c\">{cylinder}</WrapCylinder>\
+</objects></WrapObjectSet></Ground>
+<BodySet><objects><Body name=\"b\"><mass>1</mass><mass_center>0 0 0</mass_center><inertia>1 1 1 0 0 0</inertia>\
+</Body></objects></BodySet>
+<JointSet><objects><PinJoint name=\"j\"><socket_parent_frame>/ground</socket_parent_frame>\
+<socket_child_frame>/bodyset/b</socket_child_frame>
 <coordinates><Coordinate name=\"q\"/></coordinates></PinJoint></objects></JointSet>
-<ForceSet><objects><Thelen2003Muscle name=\"m\"><GeometryPath name=\"p\"><PathPointSet><objects>{points}</objects></PathPointSet>
-<PathWrapSet><objects><PathWrap name=\"pw\"><wrap_object>c</wrap_object>{wrap}</PathWrap></objects></PathWrapSet></GeometryPath></Thelen2003Muscle></objects></ForceSet>
+<ForceSet><objects><Thelen2003Muscle name=\"m\"><GeometryPath name=\"p\"><PathPointSet><objects>{points}</objects>\
+</PathPointSet>
+<PathWrapSet><objects><PathWrap name=\"pw\"><wrap_object>c</wrap_object>{wrap}</PathWrap></objects></PathWrapSet>\
+</GeometryPath></Thelen2003Muscle></objects></ForceSet>
 </Model></OpenSimDocument>"
     );
     load_skeleton(&SourceFile { path: "m.osim".into(), text })
@@ -201,20 +210,20 @@ fn length(model: &Skeleton) -> f64 {
 fn a_point_inside_a_surface_and_the_range_of_a_wrap_leave_out_their_segments_only() {
     let cylinder = "<quadrant>all</quadrant><radius>0.04</radius><length>1</length>";
     let any = "<range>-1 -1</range>";
-    // The second segment runs through the cylinder: around it.
+    // The second segment runs through the cylinder: it wraps.
     let around = string(0.04, [0.1; 2], PI) + 0.1;
     let through = ["-0.1 0.1 0", "-0.1 0 0", "0.1 1e-9 0"];
     assert!((length(&model(through, cylinder, any)) - around).abs() < 1e-8);
-    // Not where the wrap is only in the way of the first.
+    // It does not wrap if the cylinder is in the way of the first segment only.
     assert!((length(&model(through, cylinder, "<range>1 2</range>")) - 0.3).abs() < 1e-8);
     assert!((length(&model(through, cylinder, "<range>2 3</range>")) - around).abs() < 1e-8);
-    // The middle point inside: both segments end there, and go straight.
+    // The middle point is inside: both segments end there, and are straight.
     let inside = ["-0.1 0 0", "0.01 0 0", "0.1 0 0"];
     assert!((length(&model(inside, cylinder, any)) - 0.2).abs() < 1e-12);
-    // The first point inside: the second segment wraps all the same.
+    // The first point is inside: the second segment wraps nevertheless.
     let first = ["-0.03 0 0", "-0.1 0 0", "0.1 1e-9 0"];
     assert!((length(&model(first, cylinder, any)) - (0.07 + string(0.04, [0.1; 2], PI))).abs() < 1e-8);
-    // One side only, both ends on it: the length of the straight line, not of the way around the back.
+    // One side only, and both ends are on it: the length of the straight line, not of the path around the back.
     let on_side = "<quadrant>-x</quadrant><radius>0.04</radius><length>1</length>";
     assert!((length(&model(["-0.07 0.11 0", "-0.07 0.08 0", "-0.07 0.05 0"], on_side, any)) - 0.06).abs() < 1e-12);
 }
@@ -225,7 +234,8 @@ fn moment_arms_through_a_torus_are_the_slopes_of_lengths() {
     let text = text.replace("<location>0.3 0 0.5</location>", "<location>0.3 0.02 0.5</location>");
     let moved = text.replacen(
         "<PathPoint name=\"a\"><socket_parent_frame>/ground</socket_parent_frame><location>0.3 0 -0.5</location>",
-        "<PathPoint name=\"a\"><socket_parent_frame>/bodyset/slide</socket_parent_frame><location>0.3 0 -0.5</location>",
+        "<PathPoint name=\"a\"><socket_parent_frame>/bodyset/slide</socket_parent_frame>\
+         <location>0.3 0 -0.5</location>",
         1,
     );
     let file = SourceFile { path: "m.osim".into(), text: moved };
@@ -256,8 +266,8 @@ fn csv(path: &Path) -> Vec<BTreeMap<String, String>> {
     reader.records().map(|record| row(record.unwrap())).collect()
 }
 
-/// Four public models: lengths within 0.5 mm and moment arms within 1 mm of OpenSim's, but for the muscles of
-/// `tests/opensim_differences.csv`, which has the reason and both lengths of each.
+/// Four public models: lengths within 0.5 mm and moment arms within 1 mm of OpenSim's, except for the muscles in
+/// `tests/opensim_differences.csv`, which gives the reason and both lengths of each.
 #[test]
 fn val_lengths_and_moment_arms_are_those_of_opensim_but_for_the_named_muscles() {
     let known: BTreeSet<(String, String)> = csv(&root().join("tests/opensim_differences.csv"))

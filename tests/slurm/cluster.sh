@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# A real Slurm on this machine, for tests: two nodes, loopback only, no systemd, no cgroups, no database.
-#   cluster.sh install            Debian's packages, as root
-#   cluster.sh up DIR             then: export SLURM_CONF=DIR/slurm.conf
-#   cluster.sh kill DIR NODE      as a node is lost: its daemon and all that runs on it, with -9
-#   cluster.sh node DIR NODE      that node's daemon again
-#   cluster.sh down DIR
-# DIR must not be one that Slurm's helpers cannot enter; /tmp is good. The settings that matter have their reasons beside them.
+# Runs a real Slurm cluster on this machine, for tests: two nodes, loopback only, no systemd, no cgroups, no database.
+#   cluster.sh install            install Debian's packages, as root
+#   cluster.sh up DIR             start; then: export SLURM_CONF=DIR/slurm.conf
+#   cluster.sh kill DIR NODE      lose a node: kill -9 its daemon and everything that runs on it
+#   cluster.sh node DIR NODE      start that node's daemon again
+#   cluster.sh down DIR           stop
+# Slurm's helpers must be able to enter DIR; /tmp is a good place. Comments explain the settings that matter.
 set -euo pipefail
-# (No pipe into `grep -q`: it ends early, and the other side of the pipe fails.)
+# (Do not pipe into `grep -q`: it exits early, and then the other side of the pipe fails.)
 
 install_slurm() {
   command -v slurmctld slurmd munged > /dev/null && return
@@ -17,14 +17,14 @@ install_slurm() {
 
 up() {
   local dir=$1 host memory port
-  # Its own ports, so that another cluster on this machine is not in the way.
+  # Use separate ports, so that another cluster on this machine does not interfere.
   port=$((20000 + 10 * (RANDOM % 1000)))
   host=$(hostname -s)
   memory=$(awk '/MemTotal/ { print int($2 / 2048) - 512 }' /proc/meminfo)
   mkdir -p "$dir"/{state,log,run,spool/n1,spool/n2}
   chmod 755 "$dir" "$dir"/*
   grep -q '^127\.' <<< "$(getent hosts "$host")" || echo "127.0.0.1 $host" >> /etc/hosts
-  # Slurm resolves names with AI_ADDRCONFIG, which finds nothing where 127.0.0.1 is the only address.
+  # Slurm resolves names with AI_ADDRCONFIG, which finds nothing if 127.0.0.1 is the only address.
   grep -qv 'inet 127\.' <<< "$(ip -4 -o addr 2> /dev/null)" || ip addr add 10.255.255.1/32 dev lo
   mkdir -p "$dir/munge"
   head -c 128 /dev/urandom > "$dir/munge/key"
@@ -51,13 +51,13 @@ SchedulerParameters=sched_min_interval=0,batch_sched_delay=0,sched_interval=1,bf
 SelectType=select/cons_tres
 SelectTypeParameters=CR_Core_Memory
 DefMemPerCPU=256
-# A node that does not answer is down after this many seconds, and what ran there is requeued.
+# A node that does not respond is down after this many seconds, and its jobs are requeued.
 SlurmdTimeout=5
 JobRequeue=1
 ReturnToService=2
 KillWait=2
 MinJobAge=3600
-# Small, so that a test meets it.
+# Small, so that a test reaches it.
 MaxArraySize=9
 SlurmctldPort=$port
 SlurmctldPidFile=$dir/run/slurmctld.pid
@@ -83,7 +83,7 @@ CONF
   return 1
 }
 
-# All processes below one, the leaves first.
+# All descendants of a process, leaves first.
 below() {
   local child
   for child in $(pgrep -P "$1"); do
@@ -95,7 +95,7 @@ below() {
 kill_node() {
   local dir=$1 node=$2 step script
   kill -9 "$(cat "$dir/run/slurmd.$node.pid")"
-  # Its steps are no children of the daemon; they hold its log open.
+  # The node's steps are not children of the daemon, but they keep its log open.
   for step in $(pgrep slurmstepd || true); do
     if grep -q "$dir/log/slurmd.$node.log" <<< "$(ls -l "/proc/$step/fd" 2> /dev/null)"; then
       kill -9 "$step" || true
@@ -107,13 +107,13 @@ kill_node() {
   done
 }
 
-# Back only when all daemons are gone: slurmctld saves its state as it goes.
+# Returns only when all daemons have exited: slurmctld saves its state on exit.
 down() {
   local pid pids=()
   for pid in "$1"/run/slurmd.*.pid "$1/run/slurmctld.pid" "$1/munge/pid"; do
     if [ -s "$pid" ]; then pids+=("$(cat "$pid")"); fi
   done
-  # A node that was lost has a process number and no process.
+  # A lost node has a PID file but no process.
   for pid in "${pids[@]}"; do kill "$pid" 2> /dev/null || true; done
   for _ in $(seq 100); do
     any_alive "${pids[@]}" || return 0

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# A study on a real Slurm of two nodes, one of which is lost in the middle: the merged tables equal those of a run on one machine.
+# Runs a study on a real Slurm cluster of two nodes and loses one of them in the middle: the merged tables must equal those of a local run.
 #   tests/slurm/run.sh [SINEW]
-# Skipped, and said so, where Slurm cannot be had (no root, no Debian packages).
+# Skipped with a message if Slurm cannot be installed (no root, no Debian packages).
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 sinew=$(realpath "${1:-target/release/sinew}")
@@ -44,7 +44,7 @@ STUDY
 
 finished() { cat "$dir"/cluster/finished*.jsonl 2> /dev/null | wc -l; }
 waiting() { timeout 10 squeue -h -o %i | wc -l; }
-# Until nothing is queued; elements that a lost node ran are held for two minutes, unless they are let go.
+# Waits until nothing is queued. Elements that ran on a lost node would be held for two minutes, so they are released.
 until_done() {
   for _ in $(seq 1200); do
     for job in $(timeout 10 squeue -h -t PD -o '%A %r' | awk '$2 == "BeginTime" { print $1 }'); do

@@ -1,7 +1,7 @@
-//! The report's page as a person meets it: in a real Chromium, skipped where there is none.
+//! The report page as a user sees it, in a real Chromium. Skipped if there is none.
 //!
-//! The page is opened in a frame, as wide and in the theme that a test wants; `visitor.js` does there what a person would do, and tells what
-//! there is to see. Pictures are left in `target/tmp/*.png`.
+//! The page is opened in a frame with the width and theme that a test needs. There, `visitor.js` does what a user would
+//! do, and reports what is visible. Screenshots are left in `target/tmp/*.png`.
 
 use std::path::Path;
 use std::process::Command;
@@ -17,15 +17,15 @@ use super::support::{SMALL, folder, root};
 
 const VISITOR: &str = include_str!("visitor.js");
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome-stable", "google-chrome"];
-/// Of the picture, in pixels.
+/// Height of the screenshot in pixels.
 const HEIGHT: u32 = 5000;
 
-/// What is to be done on a page.
+/// What to do on a page.
 #[derive(Clone, Default, Serialize)]
 struct Ask {
-    /// Sort the jobs by this column, twice.
+    /// Sort the jobs twice by this column.
     sort: Option<String>,
-    /// Choose the job with this id by its link.
+    /// Choose the job with this id, through its link.
     choose: Option<String>,
     /// Hover over each point of the first line of this figure.
     hover: Option<String>,
@@ -33,17 +33,17 @@ struct Ask {
     map: Option<String>,
 }
 
-/// What there is to see.
+/// What is visible.
 #[derive(Debug, Deserialize)]
 struct Seen {
     background: String,
-    /// Width of all there is, pixels.
+    /// Width of the whole content, pixels.
     across: f64,
     counts: String,
-    /// Text of the section that has the warnings.
+    /// Text of the section with the warnings.
     warnings: String,
     failures: usize,
-    /// Headings of the sections that are shown.
+    /// Ids of the headings of the sections that are shown.
     sections: Vec<String>,
     ranks: usize,
     jobs: Vec<String>,
@@ -83,7 +83,7 @@ struct Chosen {
     row: Option<String>,
 }
 
-/// The browser there is; says so if there is none.
+/// The installed browser. Prints a message if there is none.
 fn browser(test: &str) -> Option<&'static str> {
     let found = BROWSERS.into_iter().find(|name| Command::new(name).arg("--version").output().is_ok());
     if found.is_none() {
@@ -92,7 +92,8 @@ fn browser(test: &str) -> Option<&'static str> {
     found
 }
 
-/// Opens a page in light or dark and so wide, at an address of its own such as `#job=…`. Fails if anything is said on the console.
+/// Opens a page in the light or dark theme with the given width, at a fragment `link` such as `#job=…`. Fails if
+/// anything is printed on the console.
 fn visit(browser: &str, page: &Path, link: &str, (theme, width): (&str, u32), ask: &Ask) -> Seen {
     let folder = tempfile::tempdir().unwrap();
     let html = std::fs::read_to_string(page).unwrap();
@@ -105,10 +106,11 @@ fn visit(browser: &str, page: &Path, link: &str, (theme, width): (&str, u32), as
     let ask = serde_json::to_string(ask).unwrap();
     let tell = format!(
         "{VISITOR}
-        visit({ask}).catch((e) => ({{ failed: e.stack }})).then((seen) => parent.postMessage(JSON.stringify({{ seen, wrong }}), '*'));
+        visit({ask}).catch((e) => ({{ failed: e.stack }}))
+          .then((seen) => parent.postMessage(JSON.stringify({{ seen, wrong }}), '*'));
         "
     );
-    // The page's policy lets no other script run: this one's hash is added.
+    // The page's policy allows no other script, so add the hash of this one.
     let allowed = format!("script-src 'sha256-{}'", BASE64.encode(Sha256::digest(&tell)));
     assert!(html.contains("script-src 'sha256-"), "the page has a policy on scripts");
     let html =
@@ -117,7 +119,8 @@ fn visit(browser: &str, page: &Path, link: &str, (theme, width): (&str, u32), as
     let frame = format!(
         "<!DOCTYPE html><html style='color-scheme: {theme}'><body style='margin: 0'>
         <iframe src='page.html{link}' style='border: 0; display: block; width: {width}px; height: {HEIGHT}px'></iframe>
-        <script>addEventListener('message', (e) => document.body.append('<<' + btoa(unescape(encodeURIComponent(e.data))) + '>>'))</script>
+        <script>addEventListener('message', (e) =>
+          document.body.append('<<' + btoa(unescape(encodeURIComponent(e.data))) + '>>'))</script>
         </body></html>"
     );
     std::fs::write(folder.path().join("frame.html"), frame).unwrap();
@@ -161,7 +164,8 @@ fn visit(browser: &str, page: &Path, link: &str, (theme, width): (&str, u32), as
     seen
 }
 
-/// Looks at a page in both themes, wide and on a phone, does on it what is asked, and compares what is seen with the Parquet files.
+/// Opens a page in both themes, on a wide screen and a phone, does what is asked, and compares what is visible with the
+/// Parquet files.
 fn look(browser: &str, page: &Path, dir: &Path, ask: &Ask) -> Seen {
     let (jobs, muscles) = (read(dir, "jobs"), read(dir, "muscles"));
     let chosen = jobs.rows() / 2;
@@ -253,7 +257,7 @@ fn a_part_of_a_thousand_jobs_is_there_to_look_at() {
     assert!(said.contains("jobs with warnings") && said.contains("fibre_length (") && said.contains("does not fit"));
     has(&seen.figures, &[figure, "ratio-over-mu-biceps_to_brachialis_mean_force", "convergence", "singular_values"]);
 
-    // What appears over the points of the first muscle is what the files say.
+    // The tooltips of the points of the first muscle equal the values in the files.
     let (jobs, muscles) = (read(&out, "jobs"), read(&out, "muscles"));
     let (_, h) = seen.choices.iter().find(|(label, _)| label == "h, s").unwrap();
     let muscle = muscles.text("muscle", 0).unwrap();
@@ -290,7 +294,7 @@ fn names_are_text_wherever_they_appear() {
          'muscle.{EVIL}.max_isometric_force_scale' = [0.9, 1.0]
          [[ratio]]\nname = {name}\nnumerator = {name}\ndenominator = 'triceps'\n"
     );
-    // The first muscle, whose line is hovered over.
+    // Rename the first muscle, whose line the test hovers over.
     let folder = folder(&[("arm.toml", &arm.replace("\"deltoid_anterior\"", &name)), ("study.toml", &study)]);
     let run = sinew(&["run", "study.toml", "--out", "out"], folder.path());
     assert!(run.status.success(), "{}", text(&run.stderr));
@@ -305,7 +309,7 @@ fn names_are_text_wherever_they_appear() {
     };
     let seen = look(browser, &page, &out, &ask);
     assert!(seen.tips.len() > 1 && seen.tips.iter().all(|tip| tip.starts_with(EVIL)), "{:?}", seen.tips);
-    // Figures as files are XML, and so is a test report.
+    // SVG figures are XML, and so is a test report.
     let svg = sinew(&["report", "out", "--svg"], folder.path());
     assert!(svg.status.success(), "{}", text(&svg.stderr));
     sinew(&["compare", "out", "base", "--accept"], folder.path());

@@ -1,9 +1,9 @@
-// Does on a report's page what a person was asked to do, and tells what there is to see. `ask`: see `Ask` in mod.rs.
+// Does on a report page what `ask` says (see `Ask` in mod.rs), as a user would, and returns what is visible (`Seen`).
 const visit = async (ask) => {
   const all = (selector) => [...document.querySelectorAll(selector)];
   const text = (id) => document.getElementById(id).textContent;
   const settled = () => new Promise((done) => setTimeout(done, 50));
-  // What a cell says: all digits, if it has more than it shows.
+  // The value of a cell, with all digits if it has more than it shows.
   const says = (cell) => cell.title || cell.textContent;
   const column = (name) => {
     const k = all('#jobs th button').findIndex((button) => button.dataset.column === name);
