@@ -17,6 +17,9 @@ pub struct ModelChange {
     pub value: f64,
 }
 
+/// Tables of numbers that all have defaults.
+const OPTIONAL_TABLES: [&str; 2] = ["curves", "muscles"];
+
 /// Top-level keys of model files whose numbers a study may change.
 pub const GROUPS: [&str; 11] = [
     "body",
@@ -192,6 +195,10 @@ impl ModelChange {
             toml::Value::Table(table) => {
                 if rest.is_empty() {
                     return self.set(table, key);
+                }
+                // A file may leave a whole table of these to the defaults.
+                if OPTIONAL_TABLES.contains(key) && self.path.starts_with(key) {
+                    table.entry(*key).or_insert_with(|| toml::Value::Table(toml::Table::new()));
                 }
                 if table.contains_key(*key) {
                     return self.walk(table.get_mut(*key).expect("just found"), rest);

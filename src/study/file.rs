@@ -84,10 +84,13 @@ pub struct Sweep {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[schemars(extend("additionalProperties" = false))]
 pub struct Sample {
+    /// Number of samples.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub count: usize,
+    /// Seed of the draws.
     #[schemars(range(min = 0))]
     pub seed: u64,
+    /// How samples fill the space.
     #[serde(default)]
     pub method: Method,
     #[serde(flatten)]
@@ -112,10 +115,13 @@ pub enum Method {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Ratio {
+    /// Name of the ratio.
     pub name: String,
     /// One or more muscles; * matches any characters.
     pub numerator: OneOrMany<String>,
+    /// One or more muscles, as in the numerator.
     pub denominator: OneOrMany<String>,
+    /// Measures to take the ratio of: `mean_force`, `peak_force`, `impulse`, `activation`.
     #[serde(default = "mean_force")]
     pub measure: OneOrMany<Measure>,
 }

@@ -5,6 +5,7 @@ mod architecture;
 mod bad_input;
 mod browser;
 mod cli;
+mod commands;
 mod compare;
 mod derivatives;
 mod engine;
