@@ -1,6 +1,6 @@
-//! `sinew slurm`: runs a study as a Slurm job array. The plan is frozen in the results folder, each array element solves
-//! a shard of it, and a dependent job merges the results. All state is in the results folder: called again, it submits
-//! only shards with missing jobs.
+//! `sinew slurm`: runs a study as a Slurm job array. The plan is frozen in the results folder, each array element
+//! solves a shard of it, and a dependent job merges the results. All state is in the results folder: called again, it
+//! submits only shards with missing jobs.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
