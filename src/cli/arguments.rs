@@ -292,8 +292,8 @@ A study can also use an .osim file directly as its model; `sinew check` lists wh
   sinew moment-arms data/models/upper_limb.toml poses.csv
   sinew moment-arms data/models/upper_limb.toml poses.csv --out arms.parquet
 
-Each row of POSES is a pose; columns are joint coordinates such as shoulder_elv_deg. Coordinates without a column keep
-their default. A moment arm is −∂L/∂q, in m; coordinates coupled to q move with it.")]
+Each row of POSES is a pose; columns are joint coordinates such as shoulder_elv_deg. Coordinates without
+a column keep their default. A moment arm is −∂L/∂q, in m; coordinates coupled to q move with it.")]
     MomentArms {
         /// Spatial model (.toml, .osim)
         model: PathBuf,
@@ -346,8 +346,8 @@ their default. A moment arm is −∂L/∂q, in m; coordinates coupled to q move
   sinew export results/arm26 --csv                   all tables
   sinew export results/arm26 --csv --table muscles --out tables
 
-Storage files require `trajectories = true` in the study. OpenSim (File, Load Motion) and other programs can read them.
-Units are SI and radians; times are those of the motion file.")]
+Storage files require `trajectories = true` in the study. OpenSim (File, Load Motion) and other programs
+can read them. Units are SI and radians; times are those of the motion file.")]
     Export {
         /// Results folder
         dir: PathBuf,
