@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs the benchmarks and keeps what they print, with date and machine, in results/baselines/bench. On an idle machine.
-#   benches/record.sh [NAME...]     of: solver cost engine
+# Runs the benchmarks and writes their output, with date and processor, to results/baselines/bench. Use an idle machine.
+#   benches/record.sh [NAME...]     names: solver, cost, engine
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=results/baselines/bench

@@ -92,7 +92,7 @@ pub struct Limits {
     pub turn_rad: f64,
     /// Estimated relative discretisation error of the effort and the mean forces.
     pub mesh: f64,
-    /// Optimal fibre lengths per second.
+    /// Fibre velocity, optimal fibre lengths per second.
     pub fibre_velocity: f64,
 }
 

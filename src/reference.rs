@@ -1,5 +1,5 @@
-//! Every key of the files that users write, with its meaning: read off the JSON Schemas, which are made from the types
-//! that read the files and their doc comments.
+//! Every key of the files that users write, with its meaning. The keys come from the JSON Schemas, which are generated
+//! from the types that read the files and from their doc comments.
 
 use serde_json::Value as Json;
 
@@ -13,12 +13,12 @@ use crate::tables::{Table, Values};
 /// A key of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key {
-    /// The table that it stands in, such as `[[muscle]]`; empty for the top of the file.
+    /// The table that contains the key, such as `[[muscle]]`; empty at the top of the file.
     pub table: String,
     pub name: String,
-    /// What may stand there: a type, a range, or the words allowed.
+    /// The allowed values: a type, a range, or a list of words.
     pub value: String,
-    /// Empty where there is none.
+    /// Empty if there is no default.
     pub default: String,
     pub meaning: String,
 }
@@ -40,7 +40,7 @@ pub fn schema(kind: FileKind) -> Json {
     }
 }
 
-/// All keys of a kind of file, table by table. Settings of a study have a list of their own: [`settings`].
+/// All keys of a kind of file, table by table. For the settings of a study, see [`settings`].
 pub fn keys(kind: FileKind) -> Vec<Key> {
     let schema = schema(kind);
     let mut keys = Vec::new();
@@ -49,7 +49,7 @@ pub fn keys(kind: FileKind) -> Vec<Key> {
     keys
 }
 
-/// What `[base]` and sweeps may set beside the numbers of the model and the motion.
+/// What `[base]` and sweeps can set: settings, limits of warnings, changes of the motion, parameters of the model.
 pub fn settings() -> Vec<Key> {
     let schema = schemars::schema_for!(Settings).to_value();
     let mut keys = Vec::new();
@@ -59,7 +59,7 @@ pub fn settings() -> Vec<Key> {
     add(&mut warn, &limits, &limits, "", 0);
     keys.extend(warn.into_iter().map(|key| Key {
         name: format!("warn.{}", key.name),
-        meaning: format!("limit of a warning: {}", lowered(&key.meaning)),
+        meaning: format!("limit of a warning: {}", lower_first(&key.meaning)),
         ..key
     }));
     let row = |name: &str, value: &str, default: &str, meaning: &str| Key {
@@ -71,7 +71,12 @@ pub fn settings() -> Vec<Key> {
     };
     keys.extend([
         row("motion.time_scale", "number", "1", "factor on the time of the motion"),
-        row("motion.COORDINATE_offset_deg", "number", "0", "added to a coordinate of the motion; also `_rad`, `_m`"),
+        row(
+            "motion.COORDINATE_offset_deg",
+            "number",
+            "0",
+            "offset added to a coordinate of the motion; also `_rad`, `_m`",
+        ),
         row("motion.COORDINATE_scale", "number", "1", "factor on a coordinate of the motion"),
         row("motion.abduction_offset_deg", "number", "0", "turns the body of the model's `[abduction]` about its axis"),
         row("force.NAME_scale", "number", "1", "factor on an external force and its moment"),
@@ -79,16 +84,16 @@ pub fn settings() -> Vec<Key> {
             "PATH, PATH_scale",
             "number",
             "the model's",
-            "any number of the model by its path, absolute or as a factor",
+            "any numeric parameter of the model, by path, as a value or as a factor",
         ),
     ]);
     keys
 }
 
-/// The deepest nesting of tables that is listed.
-const DEPTH: usize = 4;
+/// Maximum nesting of tables that are listed.
+const MAX_DEPTH: usize = 4;
 
-/// Adds the keys of an object of a schema, and of the tables within it.
+/// Adds the keys of an object in a schema, and of the tables nested in it.
 fn add(keys: &mut Vec<Key>, root: &Json, object: &Json, table: &str, depth: usize) {
     let Some(properties) = object["properties"].as_object() else { return };
     let mut inner: Vec<(String, Json)> = Vec::new();
@@ -102,7 +107,7 @@ fn add(keys: &mut Vec<Key>, root: &Json, object: &Json, table: &str, depth: usiz
             meaning: meaning_of(root, property),
         });
         if let Some((is_list, schema)) = within
-            && depth < DEPTH
+            && depth < MAX_DEPTH
         {
             let path = [table.trim_matches(['[', ']']), name].join(".");
             let path = path.trim_start_matches('.');
@@ -116,7 +121,7 @@ fn add(keys: &mut Vec<Key>, root: &Json, object: &Json, table: &str, depth: usiz
     }
 }
 
-/// Follows a reference, and looks through `null` of optional keys.
+/// Follows a reference, and removes the `null` of optional keys.
 fn resolved<'s>(root: &'s Json, schema: &'s Json) -> &'s Json {
     if let Some(path) = schema["$ref"].as_str() {
         return root.pointer(path.trim_start_matches('#')).unwrap_or(schema);
@@ -127,7 +132,7 @@ fn resolved<'s>(root: &'s Json, schema: &'s Json) -> &'s Json {
     }
 }
 
-/// The table that a key stands for, if it is one: whether there may be several, and its schema.
+/// The schema of a key that is a table or a list of tables, and whether it is a list.
 fn tables_within(root: &Json, property: &Json) -> Option<(bool, Json)> {
     let schema = resolved(root, property);
     let is_table = |schema: &Json| schema["properties"].is_object();
@@ -172,18 +177,18 @@ fn value_of(root: &Json, property: &Json) -> String {
             match item["type"].as_str() {
                 Some("number") => of_items("numbers"),
                 Some("integer") => of_items("whole numbers"),
-                Some("string") => of_items("texts"),
+                Some("string") => of_items("strings"),
                 Some("array") => "list of points".to_owned(),
                 _ => "tables".to_owned(),
             }
         }
         Some("object") => "table".to_owned(),
-        _ if schema["oneOf"].is_array() || schema["anyOf"].is_array() => "one, or a list".to_owned(),
+        _ if schema["oneOf"].is_array() || schema["anyOf"].is_array() => "one value, or a list".to_owned(),
         _ => String::new(),
     }
 }
 
-/// The words that a key may have, with what each means.
+/// The allowed words of a key, with their meanings.
 fn choices(schema: &Json) -> Vec<(String, String)> {
     let one = |choice: &Json| -> Vec<(String, String)> {
         let meaning = choice["description"].as_str().unwrap_or_default().replace('\n', " ");
@@ -207,7 +212,7 @@ fn default_of(property: &Json) -> String {
     }
 }
 
-/// What the key means: its own words, else those of its type; of words each one's.
+/// The meaning of a key: its own description, or else that of its type, and the meanings of the allowed words.
 fn meaning_of(root: &Json, property: &Json) -> String {
     let schema = resolved(root, property);
     let own = property["description"].as_str().or_else(|| schema["description"].as_str()).unwrap_or_default();
@@ -222,12 +227,12 @@ fn meaning_of(root: &Json, property: &Json) -> String {
     meaning
 }
 
-fn lowered(text: &str) -> String {
+fn lower_first(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_lowercase().chain(letters).collect())
 }
 
-/// Keys as a table, to print; `with_table` for files that have several.
+/// Keys as a printable table. `with_table` adds the column `in`, for files with several tables.
 pub fn table(keys: &[Key], with_table: bool) -> Table {
     let column = |name: &str, of: fn(&Key) -> &String| {
         (name.to_owned(), Values::Text(keys.iter().map(|key| Some(of(key).clone())).collect()))

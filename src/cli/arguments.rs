@@ -13,11 +13,11 @@ use crate::terminal::{Color, Voice};
 #[command(name = "sinew", version, propagate_version = true, max_term_width = 110)]
 #[command(after_help = "Examples:
   sinew new my_study                            write a commented study to start from
-  sinew run my_study.toml                       solve all its jobs, print the tables
-  sinew plan my_study.toml                      list the jobs without solving any
+  sinew run my_study.toml                       solve all jobs, print the tables
+  sinew plan my_study.toml                      list the jobs without solving them
   sinew show results/my_study                   print the tables again
   sinew report results/my_study                 write a page of figures
-  sinew keys my_model.osim                      what a study can sweep
+  sinew keys my_model.osim                      what a study can vary
   sinew check my_study.toml my_model.toml       look for mistakes
   sinew compare results/nightly results/baselines/nightly     has anything changed?
 
@@ -29,37 +29,37 @@ pub struct Cli {
     pub terminal: Terminal,
 }
 
-/// What every command takes.
+/// Options of all commands.
 #[derive(Args)]
 pub struct Terminal {
-    /// Colour the output: `auto` does so on a terminal unless NO_COLOR is set
+    /// Colour the output; `auto` uses colour on a terminal unless NO_COLOR is set
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto", help_heading = "Output")]
     pub color: ColorChoice,
     /// Print only errors and the last line
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Output")]
     pub quiet: bool,
-    /// Print more: a line for each finished job
+    /// Print a line for each finished job
     #[arg(short, long, global = true, help_heading = "Output")]
     pub verbose: bool,
 }
 
-/// Kinds of files that have a schema.
+/// Kinds of files with a schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SchemaKind {
     Study,
-    /// Models in the plane
+    /// Planar models
     Model,
-    /// Models in space
+    /// Spatial models
     SpatialModel,
 }
 
 /// How a table is printed.
 #[derive(Args, Clone, Copy)]
 pub struct Look {
-    /// Print all columns, however wide the table gets
+    /// Print all columns, even if they do not fit the terminal
     #[arg(long)]
     pub wide: bool,
-    /// Print the plain table, for programs
+    /// Format of the table
     #[arg(long, value_name = "FORMAT", default_value = "table")]
     pub format: Format,
 }
@@ -109,31 +109,31 @@ Next: sinew run my_study.toml")]
         #[arg(long, value_name = "FILE", requires = "model")]
         motion: Option<PathBuf>,
     },
-    /// List what a study can set and sweep: its settings, or the numbers of a model
+    /// List what a study can set and sweep: its settings, or the numeric parameters of a model
     #[command(after_help = "Examples:
-  sinew keys                                     settings, with defaults
-  sinew keys arm26.osim                          kinds of numbers of a model, with values and units
-  sinew keys arm26.osim 'muscle.BRA.*'           each that fits
+  sinew keys                                     settings with their defaults
+  sinew keys arm26.osim                          parameters of a model by kind, with values and units
+  sinew keys arm26.osim 'muscle.BRA.*'           all keys that match
   sinew keys arm26.osim '*' --format csv > keys.csv")]
     Keys {
-        /// Model (.toml, .osim); the settings of studies if left out
+        /// Model (.toml, .osim); if omitted, the settings are listed
         model: Option<PathBuf>,
-        /// List each key that fits; * stands for any letters
+        /// List all keys that match; * stands for any characters
         pattern: Option<String>,
         #[command(flatten)]
         look: Look,
     },
-    /// List the jobs of a study, and whether a run would solve each
+    /// List the jobs of a study, and which of them a run would solve
     #[command(after_help = "Examples:
   sinew plan studies/table1.toml --all
   sinew plan studies/table1.toml --out /tmp/table1")]
     Plan {
         /// Study file (.toml), or the manifest.json of a run
         study: PathBuf,
-        /// Results folder to look into [default: results/<name of the study>]
+        /// Results folder to check for finished jobs [default: results/<name of the study>]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// List every job, not only the first 20
+        /// List all jobs instead of the first 20
         #[arg(long)]
         all: bool,
         #[command(flatten)]
@@ -143,41 +143,41 @@ Next: sinew run my_study.toml")]
     #[command(after_help = "Examples:
   sinew run studies/table1.toml
   sinew run studies/table1.toml --out /tmp/table1 --jobs 1
-  sinew run studies/table1.toml --failed        solve failed jobs again
+  sinew run studies/table1.toml --failed        also solve failed jobs again
   sinew run studies/table1.toml --fresh         discard earlier results first
-  sinew run results/table1 --out /tmp/again     the same study again, from its manifest alone
+  sinew run results/table1 --out /tmp/again     run a study again from its manifest
   seq 0 3 | parallel --joblog log --resume-failed sinew run STUDY --shard {}/4; sinew merge results/NAME
 
-Ctrl-C keeps everything that is finished; run the same command again to continue.")]
+Ctrl-C keeps all finished jobs; run the same command again to continue.")]
     Run {
         /// Study file (.toml), or the manifest.json of a run or its folder
         study: PathBuf,
         /// Results folder [default: results/<name of the study>]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Number of jobs at a time [default: one per core]
+        /// Number of jobs to solve in parallel [default: one per core]
         #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
         jobs: Option<u16>,
-        /// Discard the results in the folder first
+        /// Discard existing results in the folder first
         #[arg(long)]
         fresh: bool,
         /// Solve failed jobs again
         #[arg(long)]
         failed: bool,
-        /// Solve jobs again that another version of the solver solved
+        /// Solve jobs again whose results come from another version of the solver
         #[arg(long)]
         outdated: bool,
-        /// Solve only part I of N, I from 0; `sinew merge` makes the tables when all parts are finished
+        /// Solve only shard I of N (I from 0); `sinew merge` writes the tables once all shards have finished
         #[arg(long, value_name = "I/N", conflicts_with = "fresh")]
         shard: Option<Shard>,
     },
-    /// Make the tables from what all shards have finished; can be repeated at any time
+    /// Write the tables from the finished jobs of all shards; can be repeated at any time
     #[command(after_help = "Example:\n  sinew merge results/mu_sweep")]
     Merge {
         /// Results folder
         dir: PathBuf,
     },
-    /// Show how far a run is: counts, failures, time left
+    /// Show the progress of a run: counts, failures, time left
     #[command(after_help = "Example:\n  sinew status results/mu_sweep")]
     Status {
         /// Results folder
@@ -188,10 +188,11 @@ Ctrl-C keeps everything that is finished; run the same command again to continue
   sinew compare results/nightly results/baselines/nightly
   sinew compare results/nightly results/baselines/nightly --junit report.xml --json report.json
   sinew compare results/nightly results/baselines/nightly --tolerance mean_force_n=1e-4 --tolerance iterations=ignore
-  sinew compare results/one results/other --tolerance '*=exact'           identical, times aside
-  sinew compare results/nightly results/baselines/nightly --accept       make these the baseline
+  sinew compare results/one results/other --tolerance '*=exact'           all columns equal, except times
+  sinew compare results/nightly results/baselines/nightly --accept       make these results the baseline
 
-Ranks, statuses and counts are exact, numbers to 1e-6; a file tolerances.toml in the baseline may set others by column.")]
+By default, ranks, statuses and counts must be equal and most numbers agree within a relative 1e-6. A file
+tolerances.toml in the baseline can set other tolerances by column.")]
     Compare {
         /// Results folder
         dir: PathBuf,
@@ -203,22 +204,22 @@ Ranks, statuses and counts are exact, numbers to 1e-6; a file tolerances.toml in
         /// Write the differences as JSON
         #[arg(long, value_name = "FILE")]
         json: Option<PathBuf>,
-        /// Write a test report (JUnit XML), one test for each job
+        /// Write a JUnit XML report with one test per job
         #[arg(long, value_name = "FILE")]
         junit: Option<PathBuf>,
         /// Make these results the baseline
         #[arg(long)]
         accept: bool,
     },
-    /// Write (and submit) a Slurm job array for a study, and the merge after it
+    /// Write (and submit) a Slurm job array for a study, followed by a merge job
     #[command(after_help = "Examples:
   sinew slurm studies/mu_sweep.toml --shards 50 --time 02:00:00
   sinew slurm studies/mu_sweep.toml --shards 50 --submit
-  sinew slurm studies/mu_sweep.toml --submit                    again: only shards with something missing
+  sinew slurm studies/mu_sweep.toml --submit                    submit only shards with missing jobs
 
-The folder must be on a file system that all nodes share.")]
+The results folder must be on a file system that all nodes share.")]
     Slurm(slurm::Arguments),
-    /// Print the JSON Schema of study or model files, for editors; or their keys as a table
+    /// Print the JSON Schema of study or model files for editors, or a table of their keys
     #[command(after_help = "Examples:
   sinew schema > study.schema.json
   sinew schema spatial-model --keys")]
@@ -226,11 +227,11 @@ The folder must be on a file system that all nodes share.")]
         /// Kind of file
         #[arg(default_value = "study")]
         kind: SchemaKind,
-        /// Print the keys with their meaning, as Markdown
+        /// Print the keys with their meaning as a Markdown table
         #[arg(long)]
         keys: bool,
     },
-    /// Write a page of figures, DIR/report.html, which opens in any browser without a network
+    /// Write a page of figures, DIR/report.html, for any browser; it needs no network
     #[command(after_help = "Examples:
   sinew report results/table1
   sinew report results/nightly --compare results/baselines/nightly
@@ -239,16 +240,16 @@ The folder must be on a file system that all nodes share.")]
     Report {
         /// Results folder
         dir: PathBuf,
-        /// Show what differs from a baseline, old and new values side by side
+        /// Show differences from a baseline, old and new values side by side
         #[arg(long, value_name = "BASELINE")]
         compare: Option<PathBuf>,
         /// File to write [default: report.html in the folder]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
-        /// Write the figures too, each an SVG file, into a folder `figures` beside the page
+        /// Also write each figure as an SVG file to the folder `figures` beside the page
         #[arg(long)]
         svg: bool,
-        /// Number of the job whose functions of time are drawn [default: the first that has converged]
+        /// Number of the job whose trajectories are drawn [default: the first converged job]
         #[arg(long, value_name = "N", requires = "svg")]
         job: Option<u64>,
     },
@@ -260,7 +261,7 @@ The folder must be on a file system that all nodes share.")]
     Show {
         /// Results folder
         dir: PathBuf,
-        /// Every job, not only the first 24
+        /// Show all jobs instead of the first 24
         #[arg(long)]
         all: bool,
         /// Table to print with --format [default: jobs]
@@ -269,30 +270,30 @@ The folder must be on a file system that all nodes share.")]
         #[command(flatten)]
         look: Look,
     },
-    /// Turn an OpenSim model (.osim, versions 1 to 4) into a model file, and list what is lost
+    /// Convert an OpenSim model (.osim, versions 1 to 4) to a model file, and list what is lost
     #[command(after_help = "Examples:
   sinew import arm26.osim                       writes arm26.toml
   sinew import arm26.osim --out models/arm.toml
-  sinew import arm26.osim --strict              an error if anything is lost
+  sinew import arm26.osim --strict              fails if anything is lost
 
-A study may also name an .osim file as its model; sinew check lists what is lost.")]
+A study can also use an .osim file directly as its model; `sinew check` lists what is lost.")]
     Import {
         /// OpenSim model (.osim)
         model: PathBuf,
-        /// File to write; an existing one is never replaced [default: the model's name with .toml, in this folder]
+        /// File to write; never replaces an existing file [default: the model's name with .toml, in the current folder]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
         /// Fail if anything is lost
         #[arg(long)]
         strict: bool,
     },
-    /// Lengths and moment arms of all muscles of a spatial model in given poses
+    /// Compute lengths and moment arms of all muscles of a spatial model in given poses
     #[command(after_help = "Examples:
   sinew moment-arms data/models/upper_limb.toml poses.csv
   sinew moment-arms data/models/upper_limb.toml poses.csv --out arms.parquet
 
-Poses are rows of joint coordinates, columns such as shoulder_elv_deg; coordinates without a column keep their default.
-A moment arm is −∂L/∂q of one coordinate alone, in m.")]
+Each row of POSES is a pose; columns are joint coordinates such as shoulder_elv_deg. Coordinates without
+a column keep their default. A moment arm is −∂L/∂q, in m; coordinates coupled to q move with it.")]
     MomentArms {
         /// Spatial model (.toml, .osim)
         model: PathBuf,
@@ -302,37 +303,37 @@ A moment arm is −∂L/∂q of one coordinate alone, in m.")]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Rank the muscles by how much they respond to a change, against the job of a reference value
+    /// Rank muscles by their response to a swept parameter, relative to a reference value
     #[command(after_help = "Examples:
   sinew rank results/pectoralis_slack --axis 'muscle.PectoralisMajor*.tendon_slack_length_scale' --reference 1
   sinew rank results/mu_sweep --axis mu --reference 0.2 --measure mean_activation --out ranking.parquet")]
     Rank {
         /// Results folder
         dir: PathBuf,
-        /// Swept name; compared are jobs that agree in all others
+        /// Swept parameter; a job is compared with the reference job that has the same values of all other parameters
         #[arg(long, value_name = "NAME")]
         axis: String,
-        /// Its value in the reference job
+        /// Value of the parameter in the reference job
         #[arg(long, value_name = "VALUE")]
         reference: String,
-        /// Column of muscles.parquet
+        /// Column of muscles.parquet to rank by
         #[arg(long, value_name = "COLUMN", default_value = "mean_force_n")]
         measure: String,
-        /// File to write, .csv or .parquet, all muscles [default: the first ten of each job, to the terminal]
+        /// File to write (.csv or .parquet), with all muscles [default: print the first ten of each job]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
         #[command(flatten)]
         look: Look,
     },
-    /// Explain every table and column, with its unit
+    /// Explain every table and column, with units
     #[command(after_help = "Examples:
   sinew describe
   sinew describe results/table1 --table muscles
   sinew describe --format csv > columns.csv")]
     Describe {
-        /// Results folder, for its tables and swept names [default: all tables that there are]
+        /// Results folder whose tables and swept columns to describe [default: all possible tables]
         dir: Option<PathBuf>,
-        /// One table
+        /// Describe only this table
         #[arg(long, value_name = "NAME")]
         table: Option<String>,
         #[command(flatten)]
@@ -345,21 +346,21 @@ A moment arm is −∂L/∂q of one coordinate alone, in m.")]
   sinew export results/arm26 --csv                   all tables
   sinew export results/arm26 --csv --table muscles --out tables
 
-Storage files need `trajectories = true` in the study. They open in OpenSim (File, Load Motion) and its readers; SI units,
-radians, by the clock of the motion file.")]
+Storage files require `trajectories = true` in the study. OpenSim (File, Load Motion) and other programs
+can read them. Units are SI and radians; times are those of the motion file.")]
     Export {
         /// Results folder
         dir: PathBuf,
-        /// Storage files, one for each job and signal
+        /// Write storage files, one per job and signal
         #[arg(long, group = "kind")]
         sto: bool,
-        /// CSV files, one for each table
+        /// Write CSV files, one per table
         #[arg(long, group = "kind")]
         csv: bool,
-        /// One table [default: all]
+        /// Write only this table [default: all]
         #[arg(long, value_name = "NAME", requires = "csv")]
         table: Option<String>,
-        /// Numbers of jobs [default: all]
+        /// Numbers of the jobs to write [default: all]
         #[arg(long, value_name = "N,…", value_delimiter = ',')]
         jobs: Vec<u64>,
         /// Folder to write to [default: DIR/export]
@@ -378,7 +379,7 @@ radians, by the clock of the motion file.")]
         /// Study (.toml), model (.toml, .osim) or motion (.csv, .mot, .sto) files
         #[arg(required = true, value_name = "FILE")]
         files: Vec<PathBuf>,
-        /// The model that motion files are for
+        /// Model to check motion files against
         #[arg(long, value_name = "FILE")]
         model: Option<PathBuf>,
     },

@@ -1,4 +1,4 @@
-//! `sinew check`: mistakes in files, each with its place.
+//! `sinew check`: reports mistakes in files, with their locations.
 
 use std::path::Path;
 
@@ -75,9 +75,8 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
         _ => Err(Error::Table {
             action: "check",
             path: path.to_owned(),
-            reason:
-                "a file to check is a study or model (.toml), an OpenSim model (.osim) or a motion (.csv, .mot, .sto)"
-                    .to_owned(),
+            reason: "supported are studies and models (.toml), OpenSim models (.osim) and motions (.csv, .mot, .sto)"
+                .to_owned(),
         }),
     }
 }
@@ -87,15 +86,15 @@ fn described(model: &Skeleton) -> String {
     let rigid = model.muscles.iter().filter(|muscle| muscle.rigid_tendon).map(|muscle| muscle.name.as_str());
     let rigid = rigid.collect::<Vec<_>>().join(", ");
     let rigid = if rigid.is_empty() { rigid } else { format!("; rigid tendons: {rigid}") };
-    // Models that lengths can be had of are no less models.
+    // Obstacles to a study are not mistakes: lengths and moment arms can still be computed.
     let obstacles = model.obstacles();
     let line = |issue: &Issue| format!("\n  {}: {}", issue.path.join("."), issue.message);
     let list = obstacles.iter().map(line).collect::<String>();
-    let title = if list.is_empty() { "" } else { "\nNot ready for a study (lengths and moment arms are):" };
+    let title = if list.is_empty() { "" } else { "\nNot usable in a study (only for lengths and moment arms):" };
     format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}{title}{list}")
 }
 
-/// Duration, sampling, and of each coordinate range, largest rate and what the model means it for.
+/// Describes a motion: duration, sampling, and the range, largest rate and intended range of each coordinate.
 fn described_motion(table: &MotionTable, model: &Model) -> String {
     let (start, duration) = (table.start(), table.duration());
     let mean = duration / (table.time.len() - 1) as f64;
@@ -118,21 +117,21 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
         let is_angle = angles.iter().any(|(known, is_angle)| known == name && *is_angle);
         let (factor, unit) = if is_angle { (1f64.to_degrees(), "°") } else { (1e3, " mm") };
         let (rate, [low, high]) = plausibility::rate_and_range(&table.time, values);
-        let meant =
-            ranges(name).map(|[low, high]| format!(" (the model: {:.1} to {:.1}{unit})", low * factor, high * factor));
+        let intended = ranges(name)
+            .map(|[low, high]| format!(" (range in the model: {:.1} to {:.1}{unit})", low * factor, high * factor));
         out.push_str(&format!(
             "\n  {name}: {:.1} to {:.1}{unit}, up to {:.1}{unit}/s{}",
             low * factor,
             high * factor,
             rate * factor,
-            meant.unwrap_or_default()
+            intended.unwrap_or_default()
         ));
     }
     table.notes.iter().for_each(|note| out.push_str(&format!("\nnote: {note}")));
     out
 }
 
-/// What is lost of a study's model that is an OpenSim model.
+/// Lists what is lost from the model of a study if it is an OpenSim model; empty otherwise.
 fn lost_of_model(study: &Study) -> Result<String> {
     let source = &study.sources.model;
     if !opensim::is_one(source) {

@@ -1,4 +1,4 @@
-//! `sinew compare`: only what differs from a baseline.
+//! `sinew compare`: prints how results differ from a baseline.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::files::write_whole;
 use crate::run::manifest::Manifest;
 
-/// Where the outcome goes beside the terminal, and what to do with it.
+/// Tolerances, files to write, and whether to accept the results as the baseline.
 pub struct Options {
     pub tolerances: Vec<(String, Tolerance)>,
     pub json: Option<PathBuf>,
@@ -16,10 +16,11 @@ pub struct Options {
     pub accept: bool,
 }
 
-/// `COLUMN=TOLERANCE` of the command line.
+/// Parses `COLUMN=TOLERANCE`.
 pub fn tolerance(text: &str) -> std::result::Result<(String, Tolerance), String> {
-    let (column, value) =
-        text.split_once('=').ok_or_else(|| format!("`{text}` is not COLUMN=TOLERANCE, such as mean_force_n=1e-4"))?;
+    let (column, value) = text
+        .split_once('=')
+        .ok_or_else(|| format!("`{text}` does not have the form COLUMN=TOLERANCE, such as mean_force_n=1e-4"))?;
     Ok((column.to_owned(), Tolerance::parse(value)?))
 }
 

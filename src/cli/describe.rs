@@ -1,4 +1,4 @@
-//! `sinew describe`: what each table and column means, from the list that the tables are made from.
+//! `sinew describe`: explains each table and column, from the schema that the tables are written with.
 
 use std::path::Path;
 
@@ -21,12 +21,12 @@ struct Entry {
     meaning: String,
 }
 
-/// Describes all tables, or those of a results folder with its swept names.
+/// Describes all possible tables, or those of a results folder with its swept columns.
 pub fn describe(dir: Option<&Path>, table: Option<&str>, look: Look) -> Result<u8> {
     let wanted: Vec<&'static str> =
         schema::TABLES.into_iter().filter(|name| table.is_none_or(|t| t == *name)).collect();
     if let (Some(table), true) = (table, wanted.is_empty()) {
-        let reason = format!("tables: {}", schema::TABLES.join(", "));
+        let reason = format!("available tables: {}", schema::TABLES.join(", "));
         return Err(Error::table("describe the table", Path::new(table), reason));
     }
     let mut entries = Vec::new();
@@ -37,11 +37,11 @@ pub fn describe(dir: Option<&Path>, table: Option<&str>, look: Look) -> Result<u
         }
     }
     if let (Some(dir), true) = (dir, entries.is_empty()) {
-        return Err(Error::table("describe", dir, "there are no tables in it; `sinew run STUDY` makes them"));
+        return Err(Error::table("describe", dir, "the folder has no tables; `sinew run STUDY` writes them"));
     }
     match look.format {
-        Format::Table => for_people(&entries),
-        Format::Markdown => for_readme(&entries),
+        Format::Table => print_text(&entries),
+        Format::Markdown => print_markdown(&entries),
         Format::Csv | Format::Json => print_table(&as_table(&entries), look)?,
     }
     Ok(GOOD)
@@ -57,7 +57,7 @@ fn known(name: &'static str) -> impl Iterator<Item = Entry> {
     })
 }
 
-/// The columns that a table of a folder has; none if the table is not there.
+/// The columns of a table in a folder; empty if the folder does not have the table.
 fn of_folder(dir: &Path, name: &'static str) -> Result<Vec<Entry>> {
     let path = folder::table(dir, name);
     if !path.exists() {
@@ -84,11 +84,11 @@ fn of_folder(dir: &Path, name: &'static str) -> Result<Vec<Entry>> {
     Ok(table.columns.iter().map(describe).collect())
 }
 
-fn for_people(entries: &[Entry]) {
+fn print_text(entries: &[Entry]) {
     for of_table in entries.chunk_by(|a, b| a.table == b.table) {
         let name = of_table[0].table;
         print(&heading(&format!("{name}.parquet")));
-        print_definition("", &format!("A row is {}.", schema::row_of(name)));
+        print_definition("", &format!("Each row is {}.", schema::row_of(name)));
         for Entry { column, kind, unit, meaning, .. } in of_table {
             let unit = if unit.is_empty() { String::new() } else { format!(", {unit}") };
             print_definition(&format!("  {column} ({kind}{unit})"), meaning);
@@ -97,12 +97,12 @@ fn for_people(entries: &[Entry]) {
     }
 }
 
-/// A section a table.
-fn for_readme(entries: &[Entry]) {
+/// Prints a section per table.
+fn print_markdown(entries: &[Entry]) {
     for of_table in entries.chunk_by(|a, b| a.table == b.table) {
         let name = of_table[0].table;
         print(&format!(
-            "### {name}\n\nA row is {}.\n\n| column | type | unit | meaning |\n|---|---|---|---|",
+            "### {name}\n\nEach row is {}.\n\n| column | type | unit | meaning |\n|---|---|---|---|",
             schema::row_of(name)
         ));
         for Entry { column, kind, unit, meaning, .. } in of_table {

@@ -1,4 +1,4 @@
-//! `sinew export`: chosen jobs as OpenSim storage files, or tables as CSV.
+//! `sinew export`: writes selected jobs as OpenSim storage files, or tables as CSV.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::files::write_whole;
 use crate::run::folder;
 use crate::tables::{self, Table, Values, schema};
 
-/// Signals of `trajectories` that are exported, each a file: the signal and the file's name.
+/// Signals of `trajectories` that are exported, each to its own file: signal, and suffix of the file name.
 const SIGNALS: [(&str, &str); 6] = [
     ("joint_coordinate", "coordinates"),
     ("activation", "activations"),
@@ -20,11 +20,11 @@ const SIGNALS: [(&str, &str); 6] = [
     ("fibre_velocity", "fibre_velocities"),
 ];
 
-/// What to export, and where to.
+/// What to export, and where.
 pub struct Options {
-    /// Storage files; CSV tables otherwise.
+    /// Write storage files instead of CSV tables.
     pub sto: bool,
-    /// One table; all if `None`.
+    /// The table to write; all if `None`.
     pub table: Option<String>,
     /// Numbers of the jobs; all if empty.
     pub jobs: Vec<u64>,
@@ -46,7 +46,7 @@ pub fn export(dir: &Path, options: &Options) -> Result<u8> {
     Ok(GOOD)
 }
 
-/// Ids of the jobs asked for, with their numbers.
+/// Ids of the requested jobs, with their numbers.
 fn chosen_jobs(dir: &Path, jobs: &Table, wanted: &[u64]) -> Result<HashMap<String, i64>> {
     let mut chosen = HashMap::new();
     for row in 0..jobs.rows() {
@@ -59,20 +59,20 @@ fn chosen_jobs(dir: &Path, jobs: &Table, wanted: &[u64]) -> Result<HashMap<Strin
     let missing = wanted.iter().find(|&&number| !chosen.values().any(|&index| i64::try_from(number) == Ok(index)));
     match missing {
         None => Ok(chosen),
-        Some(number) => Err(Error::table("export", dir, format!("it has no finished job {number}"))),
+        Some(number) => Err(Error::table("export", dir, format!("the folder has no finished job {number}"))),
     }
 }
 
-/// Times of a signal, and for each of its names the values at these.
-type Functions = (Vec<f64>, Vec<(String, Vec<f64>)>);
+/// The times of a signal, and for each of its names the values at these times.
+type TimeSeries = (Vec<f64>, Vec<(String, Vec<f64>)>);
 
-/// A file for each job and signal.
+/// Writes a file for each job and signal; returns the number of files.
 fn storage_files(dir: &Path, chosen: &HashMap<String, i64>, out: &Path) -> Result<usize> {
     let path = folder::table(dir, "trajectories");
     if !path.exists() {
-        let reason = "there is no trajectories.parquet: set `trajectories = true` in [base] of the study and run it again \
-                      (solved jobs are not solved again)";
-        return Err(Error::table("export functions of time of", dir, reason));
+        let reason = "there is no trajectories.parquet: set `trajectories = true` in [base] of the study and run it \
+                      again (solved jobs are not solved again)";
+        return Err(Error::table("export trajectories of", dir, reason));
     }
     let table = tables::read("trajectories", &path)?;
     let mut count = 0;
@@ -82,9 +82,9 @@ fn storage_files(dir: &Path, chosen: &HashMap<String, i64>, out: &Path) -> Resul
         let end = (start..table.rows()).find(|&row| table.text("job_id", row) != Some(id)).unwrap_or(table.rows());
         if let Some(index) = chosen.get(id) {
             for (signal, title) in SIGNALS {
-                let Some(functions) = functions(&table, start..end, signal) else { continue };
+                let Some(series) = time_series(&table, start..end, signal) else { continue };
                 let name = format!("job-{index}_{title}");
-                write_whole(&out.join(format!("{name}.sto")), storage(&name, &functions))?;
+                write_whole(&out.join(format!("{name}.sto")), storage(&name, &series))?;
                 count += 1;
             }
         }
@@ -93,12 +93,12 @@ fn storage_files(dir: &Path, chosen: &HashMap<String, i64>, out: &Path) -> Resul
     Ok(count)
 }
 
-/// A signal of one job, at the times where all its names have a value.
-fn functions(table: &Table, rows: std::ops::Range<usize>, signal: &str) -> Option<Functions> {
+/// One signal of one job, at the times where all its names have a value; `None` if the job does not have the signal.
+fn time_series(table: &Table, rows: std::ops::Range<usize>, signal: &str) -> Option<TimeSeries> {
     let mut names: Vec<&str> = Vec::new();
-    // Times by their bits: the same instant is the same number in every row.
+    // Keys are the bits of the times, in the order of time: an instant has the same bits in every row.
     let mut at: BTreeMap<u64, HashMap<&str, f64>> = BTreeMap::new();
-    let rank = |time: f64| time.to_bits() ^ if time < 0.0 { u64::MAX } else { 1 << 63 };
+    let sort_key = |time: f64| time.to_bits() ^ if time < 0.0 { u64::MAX } else { 1 << 63 };
     let mut times: BTreeMap<u64, f64> = BTreeMap::new();
     for row in rows.filter(|&row| table.text("signal", row) == Some(signal)) {
         let (Some(time), Some(name), Some(value)) =
@@ -109,17 +109,18 @@ fn functions(table: &Table, rows: std::ops::Range<usize>, signal: &str) -> Optio
         if !names.contains(&name) {
             names.push(name);
         }
-        times.insert(rank(time), time);
-        at.entry(rank(time)).or_default().insert(name, value);
+        times.insert(sort_key(time), time);
+        at.entry(sort_key(time)).or_default().insert(name, value);
     }
-    let whole: BTreeSet<u64> = at.iter().filter(|(_, values)| values.len() == names.len()).map(|(t, _)| *t).collect();
-    let values = |name: &str| whole.iter().map(|t| at[t][name]).collect();
+    let complete: BTreeSet<u64> =
+        at.iter().filter(|(_, values)| values.len() == names.len()).map(|(t, _)| *t).collect();
+    let values = |name: &str| complete.iter().map(|t| at[t][name]).collect();
     let columns: Vec<(String, Vec<f64>)> = names.iter().map(|name| ((*name).to_owned(), values(name))).collect();
-    (!columns.is_empty()).then(|| (whole.iter().map(|t| times[t]).collect(), columns))
+    (!columns.is_empty()).then(|| (complete.iter().map(|t| times[t]).collect(), columns))
 }
 
 /// The text of an OpenSim storage file, version 1, SI units and radians.
-fn storage(name: &str, (times, columns): &Functions) -> String {
+fn storage(name: &str, (times, columns): &TimeSeries) -> String {
     let mut text = format!(
         "{name}\nversion=1\nnRows={}\nnColumns={}\ninDegrees=no\nendheader\ntime",
         times.len(),
@@ -135,13 +136,13 @@ fn storage(name: &str, (times, columns): &Functions) -> String {
     text
 }
 
-/// A CSV file for each table, or for the one asked for.
+/// Writes a CSV file for each table, or for the requested one; returns the number of files.
 fn csv_files(dir: &Path, chosen: &HashMap<String, i64>, wanted: Option<&str>, out: &Path) -> Result<usize> {
     if let Some(wanted) = wanted
         && !schema::TABLES.contains(&wanted)
     {
         let near = nearest(wanted, schema::TABLES).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-        let reason = format!("there is no table `{wanted}`; {near}tables: {}", schema::TABLES.join(", "));
+        let reason = format!("there is no table `{wanted}`; {near}available tables: {}", schema::TABLES.join(", "));
         return Err(Error::table("export", dir, reason));
     }
     let mut count = 0;
@@ -157,7 +158,7 @@ fn csv_files(dir: &Path, chosen: &HashMap<String, i64>, wanted: Option<&str>, ou
     Ok(count)
 }
 
-/// The rows of some jobs.
+/// The rows of the chosen jobs.
 fn of_jobs(table: Table, chosen: &HashMap<String, i64>) -> Table {
     let is_chosen = |row: usize| table.text("job_id", row).is_some_and(|id| chosen.contains_key(id));
     let rows: Vec<usize> = (0..table.rows()).filter(|&row| is_chosen(row)).collect();

@@ -1,4 +1,4 @@
-//! `sinew import`: an OpenSim model as a model file.
+//! `sinew import`: converts an OpenSim model to a model file.
 
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -16,16 +16,16 @@ pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
     let list = listed(&imported.notes);
     let lost = of_weight(&imported.notes, Weight::Lost);
     if strict && !lost.is_empty() {
-        let message = format!("{}: {} lost:\n{}", model.display(), counted(lost.len(), "thing"), listed(&lost));
-        let help = "without --strict the model is written all the same, and the list with it";
+        let message = format!("{}: {} lost:\n{}", model.display(), counted(lost.len(), "item"), listed(&lost));
+        let help = "without --strict, the model is written anyway, with this list as a comment";
         return Err(source.error(None, message, "", Some(help.to_owned())));
     }
     let out = out.unwrap_or_else(|| PathBuf::from(model.file_stem().unwrap_or_default()).with_extension("toml"));
     let comment = comment(&source, &imported.notes);
-    // Never over a file that is there.
+    // Never overwrite a file.
     let mut written = OpenOptions::new().write(true).create_new(true).open(&out).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists => {
-            Error::table("write", &out, "the file is there already; name another one with --out")
+            Error::table("write", &out, "the file already exists; choose another name with --out")
         }
         _ => Error::io("write", &out, e),
     })?;
@@ -45,13 +45,13 @@ pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
     Ok(GOOD)
 }
 
-/// A line a note, under a line for each weight.
+/// The notes, one per line, with a heading for each weight.
 pub fn listed(notes: &[Note]) -> String {
     let mut out = String::new();
     for (weight, title) in [
-        (Weight::Lost, "Lost, so that results differ:"),
+        (Weight::Lost, "Lost, with an effect on results:"),
         (Weight::Changed, "Replaced:"),
-        (Weight::Remark, "Without influence on results:"),
+        (Weight::Remark, "Without effect on results:"),
     ] {
         let mut lines = notes.iter().filter(|note| note.weight == weight).peekable();
         if lines.peek().is_some() {
@@ -67,7 +67,7 @@ fn of_weight(notes: &[Note], weight: Weight) -> Vec<Note> {
     notes.iter().filter(|note| note.weight == weight).cloned().collect()
 }
 
-/// Says on the error stream what a model has lost, if it is an OpenSim model.
+/// Prints on standard error what is lost from an OpenSim model; nothing for other models.
 pub fn say_lost(source: &SourceFile) -> Result<()> {
     if !opensim::is_one(source) {
         return Ok(());
@@ -76,15 +76,15 @@ pub fn say_lost(source: &SourceFile) -> Result<()> {
     let lost = of_weight(&notes, Weight::Lost);
     if !lost.is_empty() {
         let name = source.path.display();
-        let mut said = format!("note: {name}: {}\n", listed(&lost));
+        let mut message = format!("note: {name}: {}\n", listed(&lost));
         let others = notes.len() - lost.len();
         if others > 0 {
-            said.push_str(&format!(
-                "  and {} of less weight: `sinew check {name}` lists all\n",
-                counted(others, "thing")
+            message.push_str(&format!(
+                "  and {}: `sinew check {name}` lists them\n",
+                counted(others, "less important note")
             ));
         }
-        note(said.trim_end());
+        note(message.trim_end());
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! `sinew keys`: what a study can set and sweep: its settings, and the numbers of a model with their values and units.
+//! `sinew keys`: lists what a study can set and sweep: settings, or the numeric parameters of a model.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use crate::study::{load_model, load_skeleton};
 use crate::tables::{Table, Values, axis_unit};
 use crate::terminal::heading;
 
-/// Lists the settings of studies, or the numbers of `model`: those of a kind together, or each that fits `pattern`.
+/// Lists the settings, or the numeric parameters of `model`: one row per kind, or all keys that match `pattern`.
 pub fn keys(model: Option<&Path>, pattern: Option<&str>, look: Look) -> Result<u8> {
     let Some(path) = model else {
         list_settings(look)?;
@@ -27,15 +27,16 @@ pub fn keys(model: Option<&Path>, pattern: Option<&str>, look: Look) -> Result<u
     let file = SourceFile::read(path)?;
     let numbers = numbers(&file)?;
     let listed = match pattern {
-        None => together(&numbers),
+        None => by_kind(&numbers),
         Some(pattern) => {
             let wild = wildmatch::WildMatch::new(pattern);
-            let fitting: Vec<&(String, f64)> = numbers.iter().filter(|(key, _)| wild.matches(key)).collect();
-            if fitting.is_empty() {
-                let reason = format!("no key fits `{pattern}`; `sinew keys {}` lists all kinds", path.display());
+            let matching: Vec<&(String, f64)> = numbers.iter().filter(|(key, _)| wild.matches(key)).collect();
+            if matching.is_empty() {
+                let reason =
+                    format!("no key matches `{pattern}`; `sinew keys {}` lists all kinds of keys", path.display());
                 return Err(Error::table("list keys of", path, reason));
             }
-            each(&fitting)
+            one_by_one(&matching)
         }
     };
     print_table(&listed, look)?;
@@ -45,10 +46,11 @@ pub fn keys(model: Option<&Path>, pattern: Option<&str>, look: Look) -> Result<u
         print_definition(
             "",
             &format!(
-                "A study may set any of these, or a factor on it: add _scale. `sinew keys {path} 'muscle.*.path.*'` lists each key that fits."
+                "A study can set each of these, or a factor on it with the suffix _scale. \
+                 `sinew keys {path} 'muscle.*.path.*'` lists all keys that match the pattern."
             ),
         );
-        print_definition("", "Settings of the solver and changes of the motion: `sinew keys`.");
+        print_definition("", "`sinew keys` without a model lists the settings and the changes of the motion.");
     }
     Ok(GOOD)
 }
@@ -58,18 +60,18 @@ fn list_settings(look: Look) -> Result<()> {
     if look.format != Format::Table {
         return print_table(&reference::table(&keys, false), look);
     }
-    print(&heading("What [base] and sweeps may set (numbers of a model: sinew keys MODEL)"));
+    print(&heading("Settings for [base] and sweeps (for the parameters of a model: sinew keys MODEL)"));
     for Key { name, value, default, meaning, .. } in &keys {
         let default = if default.is_empty() { String::new() } else { format!(" = {default}") };
-        // Words are explained one by one.
+        // The meaning already lists the allowed words.
         let value = if value.contains('"') { String::new() } else { format!(" ({value})") };
         print_definition(&format!("  {name}{default}"), &format!("{meaning}{value}"));
     }
     Ok(())
 }
 
-/// Every number of a model that a study may set, by its path, defaults included; then what moves the motion, with the
-/// value that changes nothing.
+/// Every numeric parameter of a model that a study can set, by path and including defaults; then the changes of the
+/// motion, with their neutral values.
 fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
     let is_spatial = opensim::is_one(file) || toml::from_str(&file.text).is_ok_and(|t| SkeletonFile::is_one(&t));
     let (table, coordinates): (_, Vec<(String, bool)>) = if is_spatial {
@@ -96,7 +98,7 @@ fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
     Ok(found)
 }
 
-/// All numbers under a value, by their path: entries of lists by name, or by index.
+/// Collects all numbers in a value, by path. List entries are addressed by name, or by index if they have no name.
 fn collect(path: &str, value: &toml::Value, found: &mut Vec<(String, f64)>) {
     match value {
         toml::Value::Integer(number) => found.push((path.to_owned(), *number as f64)),
@@ -114,7 +116,7 @@ fn collect(path: &str, value: &toml::Value, found: &mut Vec<(String, f64)>) {
     }
 }
 
-/// Numbers that the file leaves to their default: of each entry of a list, and of tables.
+/// Parameters of tables and of list entries that the file does not set, with their defaults.
 fn defaults(kind: FileKind, model: &toml::Table) -> Vec<(String, f64)> {
     let mut found = Vec::new();
     for key in reference::keys(kind) {
@@ -130,7 +132,7 @@ fn defaults(kind: FileKind, model: &toml::Table) -> Vec<(String, f64)> {
                     }
                 }
             }
-            Some(there) if there.get(&key.name).is_some() => {}
+            Some(set) if set.get(&key.name).is_some() => {}
             _ if key.table.starts_with("[[") => {}
             _ => found.push((format!("{table}.{}", key.name), default)),
         }
@@ -138,8 +140,8 @@ fn defaults(kind: FileKind, model: &toml::Table) -> Vec<(String, f64)> {
     found
 }
 
-/// One line for all keys that differ in names and indices only, as a pattern that a study may use.
-fn together(numbers: &[(String, f64)]) -> Table {
+/// One row for all keys that differ only in names and indices, as a pattern that a study can use.
+fn by_kind(numbers: &[(String, f64)]) -> Table {
     let mut kinds: IndexMap<String, Vec<f64>> = IndexMap::new();
     for (key, value) in numbers {
         let parts: Vec<&str> = key.split('.').collect();
@@ -168,7 +170,7 @@ fn together(numbers: &[(String, f64)]) -> Table {
     Table { name: "keys", columns }
 }
 
-fn each(numbers: &[&(String, f64)]) -> Table {
+fn one_by_one(numbers: &[&(String, f64)]) -> Table {
     let columns = vec![
         ("key".to_owned(), Values::Text(numbers.iter().map(|(key, _)| Some(key.clone())).collect())),
         ("value".to_owned(), Values::Number(numbers.iter().map(|(_, value)| Some(*value)).collect())),

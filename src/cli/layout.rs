@@ -1,4 +1,4 @@
-//! Tables that fit the terminal: the least important columns are left out until the rest fits, and named below.
+//! Tables that fit the terminal: the least important columns are hidden until the rest fits, and listed below.
 
 use comfy_table::{Attribute, Cell, CellAlignment, Color, Table as Grid, presets::NOTHING};
 use textwrap::{WordSeparator, WordSplitter};
@@ -6,11 +6,11 @@ use unicode_width::UnicodeWidthStr;
 
 use crate::terminal::{self, print};
 
-/// A cell where there is no value.
+/// Placeholder for a missing value.
 pub const NOTHING_THERE: &str = "–";
-/// Titles are broken into lines of about this many characters.
+/// Titles are wrapped at about this many characters, or at the width of the cells if that is larger.
 const TITLE: usize = 10;
-/// Spaces around a column.
+/// Spaces between two columns.
 const MARGIN: usize = 2;
 
 /// A column of a table.
@@ -18,30 +18,30 @@ struct Column {
     title: String,
     cells: Vec<String>,
     is_text: bool,
-    /// Columns of the greatest number are left out first; 0 never.
+    /// Columns with the highest rank are hidden first; rank 0 is always shown.
     rank: u8,
-    /// What is drawn in colour.
+    /// The colour of a cell, if any.
     color: fn(&str) -> Option<Color>,
 }
 
-/// A table in the making.
+/// A table for the terminal, built column by column.
 #[derive(Default)]
 pub struct Sheet {
     columns: Vec<Column>,
 }
 
 impl Sheet {
-    /// Adds a column of words. Those of the greatest `rank` are left out first; 0 stays.
+    /// Adds a text column. Columns with the highest `rank` are hidden first; rank 0 is always shown.
     pub fn text(&mut self, title: impl Into<String>, rank: u8, cells: Vec<String>) -> &mut Self {
         self.add(title.into(), rank, cells, true)
     }
 
-    /// Adds a column of numbers, aligned to the right.
+    /// Adds a right-aligned column of numbers. For `rank`, see [`Sheet::text`].
     pub fn number(&mut self, title: impl Into<String>, rank: u8, cells: Vec<String>) -> &mut Self {
         self.add(title.into(), rank, cells, false)
     }
 
-    /// Draws cells of the last column in the colours that `color` gives.
+    /// Colours the cells of the last column by `color`.
     pub fn colored(&mut self, color: fn(&str) -> Option<Color>) -> &mut Self {
         if let Some(column) = self.columns.last_mut() {
             column.color = color;
@@ -54,7 +54,7 @@ impl Sheet {
         self
     }
 
-    /// Prints the table; `wide` for all columns.
+    /// Prints the table; with `wide`, all columns.
     pub fn print(mut self, wide: bool) {
         let hidden = if wide { Vec::new() } else { self.fit(terminal::width()) };
         let mut grid = Grid::new();
@@ -84,12 +84,12 @@ impl Sheet {
         }
     }
 
-    /// Leaves out columns until the table is at most `width` characters wide; returns their titles.
+    /// Hides columns until the table is at most `width` characters wide; returns the hidden titles.
     fn fit(&mut self, width: usize) -> Vec<String> {
         let mut hidden = Vec::new();
         while self.columns.iter().map(Column::width).sum::<usize>() > width + MARGIN {
-            let least = self.columns.iter().enumerate().max_by_key(|(i, column)| (column.rank, *i));
-            match least {
+            let least_important = self.columns.iter().enumerate().max_by_key(|(i, column)| (column.rank, *i));
+            match least_important {
                 Some((i, column)) if column.rank > 0 => hidden.insert(0, self.columns.remove(i).title),
                 _ => break,
             }
@@ -114,11 +114,11 @@ impl Column {
     }
 }
 
-/// A text broken into lines of about `width` characters, after a `.`, a `_` or a space.
+/// Wraps a text to lines of about `width` characters, breaking after `.`, `_` or a space.
 pub fn folded(name: &str, width: usize) -> String {
     let mut lines = vec![String::new()];
     for part in name.split_inclusive(['.', '_', ' ']) {
-        let last = lines.last_mut().expect("there is a line");
+        let last = lines.last_mut().expect("at least one line");
         if last.is_empty() || last.width() + part.trim_end().width() <= width {
             last.push_str(part);
         } else {
@@ -128,25 +128,25 @@ pub fn folded(name: &str, width: usize) -> String {
     lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
 }
 
-/// A text in lines that fit the terminal, those after the first indented.
+/// Wraps a text to the width of the terminal. All lines after the first begin with `indent`.
 pub fn wrapped(text: &str, indent: &str) -> String {
-    textwrap::fill(text, lines().subsequent_indent(indent))
+    textwrap::fill(text, wrap_options().subsequent_indent(indent))
 }
 
-/// Lines of the terminal's width, broken at spaces only.
-fn lines<'a>() -> textwrap::Options<'a> {
+/// Wraps at the width of the terminal, at spaces only.
+fn wrap_options<'a>() -> textwrap::Options<'a> {
     let options = textwrap::Options::new(terminal::width()).break_words(false);
     options.word_separator(WordSeparator::AsciiSpace).word_splitter(WordSplitter::NoHyphenation)
 }
 
-/// Prints what something is: a line of its own, then the explanation, indented.
+/// Prints `head` on its own line, then the explanation, indented. Empty parts are omitted.
 pub fn print_definition(head: &str, explanation: &str) {
     if !head.is_empty() {
         print(head);
     }
     if !explanation.is_empty() {
         let indent = if head.is_empty() { "" } else { "      " };
-        print(&textwrap::fill(explanation, lines().initial_indent(indent).subsequent_indent(indent)));
+        print(&textwrap::fill(explanation, wrap_options().initial_indent(indent).subsequent_indent(indent)));
     }
 }
 
@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_folded_at_their_joints() {
+    fn long_names_are_wrapped_after_separators() {
         assert_eq!(
             folded("muscle.biceps.tendon_slack_length_scale", 14),
             "muscle.biceps.\ntendon_slack_\nlength_scale"
@@ -174,13 +174,13 @@ mod tests {
     }
 
     #[test]
-    fn the_least_important_columns_are_left_out_and_named() {
+    fn the_least_important_columns_are_hidden_and_listed() {
         let mut sheet = Sheet::default();
         sheet.text("job", 0, vec!["0".into()]).number("objective", 2, vec!["0.123456".into()]);
         sheet.number("seconds", 3, vec!["12.5".into()]);
         assert_eq!(sheet.fit(18), ["seconds"]);
         assert_eq!(sheet.columns.len(), 2);
-        assert_eq!(sheet.fit(3), ["objective"], "the first stays, however narrow the terminal is");
+        assert_eq!(sheet.fit(3), ["objective"], "a column of rank 0 stays at any width");
         assert_eq!(sheet.columns.len(), 1);
     }
 }

@@ -1,4 +1,4 @@
-//! The command line: one file a command.
+//! The command line: one file per command.
 
 mod arguments;
 mod check;
@@ -36,18 +36,18 @@ const FAILED_JOBS: u8 = 1;
 const BAD_INPUT: u8 = 2;
 const INTERRUPTED: u8 = 130;
 
-/// Runs the program on the process' arguments.
+/// Parses the arguments of the process and runs the command.
 pub fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => return answered(error),
+        Err(error) => return print_message(error),
     };
     terminal::speak((&cli.terminal).into());
     let code = run_command(cli.command).unwrap_or_else(|failure| {
         error(&format!("{:?}", miette::Report::new(failure)));
         BAD_INPUT
     });
-    ended(code)
+    exit_code(code)
 }
 
 fn run_command(command: Command) -> Result<u8> {
@@ -88,20 +88,20 @@ fn run_command(command: Command) -> Result<u8> {
     }
 }
 
-/// Help, the version, or what is wrong with the arguments.
-fn answered(answer: clap::Error) -> ExitCode {
+/// Prints clap's help, version or error message; returns the exit code.
+fn print_message(message: clap::Error) -> ExitCode {
     let is_terminal =
-        if answer.use_stderr() { std::io::stderr().is_terminal() } else { std::io::stdout().is_terminal() };
-    let text = if is_terminal { answer.render().ansi().to_string() } else { answer.render().to_string() };
-    match answer.use_stderr() {
+        if message.use_stderr() { std::io::stderr().is_terminal() } else { std::io::stdout().is_terminal() };
+    let text = if is_terminal { message.render().ansi().to_string() } else { message.render().to_string() };
+    match message.use_stderr() {
         true => error(text.trim_end()),
         false => print(text.trim_end()),
     }
-    ended(u8::try_from(answer.exit_code()).unwrap_or(BAD_INPUT))
+    exit_code(u8::try_from(message.exit_code()).unwrap_or(BAD_INPUT))
 }
 
-/// The exit code, unless the answer could not be printed.
-fn ended(code: u8) -> ExitCode {
+/// The exit code: `code`, or [`BAD_INPUT`] if standard output could not be written.
+fn exit_code(code: u8) -> ExitCode {
     match terminal::failure() {
         None => ExitCode::from(code),
         Some(failure) => {

@@ -27,7 +27,7 @@ pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8>
     Ok(GOOD)
 }
 
-/// Rows of coordinates, in the model's order; those that have no column keep their default.
+/// Reads the poses, each with the coordinates in the model's order. Coordinates without a column keep their default.
 fn read_poses(file: &SourceFile, skeleton: &Skeleton) -> Result<Vec<Vec<f64>>> {
     let text = TextTable::csv(file)?;
     // (coordinate, factor to SI) of each column
@@ -45,16 +45,16 @@ fn read_poses(file: &SourceFile, skeleton: &Skeleton) -> Result<Vec<Vec<f64>>> {
             return Err(text.error(file, format!("`{name}` is not a coordinate of `{}`", skeleton.name), &help));
         }
         if let Some(before) = columns.iter().position(|own| found.is_some() && own.map(|c| c.0) == found.map(|c| c.0)) {
-            let message = format!("`{}` and `{name}` are columns of one coordinate", text.names[before]);
-            return Err(text.error(file, message, "keep one of them"));
+            let message = format!("`{}` and `{name}` are columns of the same coordinate", text.names[before]);
+            return Err(text.error(file, message, "remove one of them"));
         }
         columns.push(found);
     }
     if columns.iter().all(Option::is_none) {
-        return Err(text.error(file, "no column is a coordinate", "name columns like elbow_flexion_deg"));
+        return Err(text.error(file, "no column is a coordinate", "give columns names such as elbow_flexion_deg"));
     }
     if text.rows.is_empty() {
-        return Err(text.error(file, "there is no pose", "each row below the names is one"));
+        return Err(text.error(file, "the file has no poses", "add a row for each pose below the column names"));
     }
     let pose = |row: &Row| {
         let mut pose = skeleton.default_pose();
@@ -73,10 +73,10 @@ fn read_poses(file: &SourceFile, skeleton: &Skeleton) -> Result<Vec<Vec<f64>>> {
     text.rows.iter().map(pose).collect()
 }
 
-/// A column with a unit, and none of those that this command writes itself.
+/// True if a column name has a unit and is not one of the columns that this command writes itself.
 fn looks_like_a_coordinate(name: &str) -> bool {
-    let own = name == "length_m" || name.starts_with("moment_arm_") || name.starts_with("fd_");
-    !own && ["_deg", "_rad", "_m"].iter().any(|ending| name.ends_with(ending))
+    let is_output = name == "length_m" || name.starts_with("moment_arm_") || name.starts_with("fd_");
+    !is_output && ["_deg", "_rad", "_m"].iter().any(|ending| name.ends_with(ending))
 }
 
 fn column(coordinate: &crate::skeleton::Coordinate) -> String {

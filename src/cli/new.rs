@@ -1,4 +1,4 @@
-//! `sinew new`: a commented study that runs, on a model and motion of the user's or on the reference arm.
+//! `sinew new`: writes a commented, runnable study of the user's model and motion, or of the reference arm.
 
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -9,26 +9,26 @@ use crate::error::{Error, Result, SourceFile};
 use crate::motion::MotionTable;
 use crate::study::{Study, load_model};
 
-/// The reference arm and its motion, for those who have no model at hand.
+/// The reference arm and its motion, used if the user names no model.
 const ARM: (&str, &str) = ("arm.toml", include_str!("../../data/models/arm.toml"));
 const CURL: (&str, &str) = ("arm_curl.csv", include_str!("../../data/motions/arm_curl.csv"));
 
-/// Writes `name`.toml into this folder, with the arm beside it where the user names no model.
+/// Writes `name`.toml; without `files` (model and motion), also the reference arm and its motion beside it.
 pub fn new(name: &str, files: Option<(PathBuf, PathBuf)>) -> Result<u8> {
     let name = name.strip_suffix(".toml").unwrap_or(name);
     let path = PathBuf::from(format!("{name}.toml"));
     if path.exists() {
-        return Err(Error::table("write", &path, "there is such a file already; choose another name"));
+        return Err(Error::table("write", &path, "the file already exists; choose another name"));
     }
     let (model, motion) = match files {
         Some(files) => files,
         None => (beside(&path, ARM)?, beside(&path, CURL)?),
     };
     write_new(&path, &study_text(name, &path, &model, &motion)?)?;
-    // What cannot run is not left behind.
+    // Remove a study that cannot be loaded.
     let study = Study::load(&path).inspect_err(|_| _ = std::fs::remove_file(&path))?;
     print(&format!(
-        "{}: {} jobs on {}; its comments say what each line does",
+        "{}: {} jobs on {}; comments in the file explain each line",
         path.display(),
         study.jobs.len(),
         model.display()
@@ -37,10 +37,10 @@ pub fn new(name: &str, files: Option<(PathBuf, PathBuf)>) -> Result<u8> {
     Ok(GOOD)
 }
 
-/// Writes a file of ours beside the study; one of the same content may be there.
+/// Writes a bundled file beside the study, unless it is already there with the same content.
 fn beside(study: &Path, (name, text): (&str, &str)) -> Result<PathBuf> {
     let path = study.with_file_name(name);
-    if std::fs::read_to_string(&path).is_ok_and(|there| there == text) {
+    if std::fs::read_to_string(&path).is_ok_and(|existing| existing == text) {
         return Ok(path);
     }
     write_new(&path, text)?;
@@ -49,19 +49,19 @@ fn beside(study: &Path, (name, text): (&str, &str)) -> Result<PathBuf> {
 
 fn write_new(path: &Path, text: &str) -> Result<()> {
     let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists => Error::table("write", path, "there is another file of that name"),
+        std::io::ErrorKind::AlreadyExists => Error::table("write", path, "a different file with this name exists"),
         _ => Error::io("write", path, e),
     })?;
     file.write_all(text.as_bytes()).map_err(|e| Error::io("write", path, e))
 }
 
-/// The study's text: a mesh that fits the motion, and two axes to begin with.
+/// The text of the study: a mesh that fits the motion, and two axes.
 fn study_text(name: &str, path: &Path, model_path: &Path, motion_path: &Path) -> Result<String> {
     let (_, model) = load_model(&SourceFile::read(model_path)?)?;
     let motion = MotionTable::load(motion_path, &model)?;
     let (duration, is_spatial) = (motion.duration(), model.spatial().is_some());
-    let (fewest, longest) = if is_spatial { (20, 0.05) } else { (10, 0.1) };
-    let intervals = ((duration / longest).round() as usize).clamp(fewest, MOST_INTERVALS);
+    let (min_intervals, max_h) = if is_spatial { (20, 0.05) } else { (10, 0.1) };
+    let intervals = ((duration / max_h).round() as usize).clamp(min_intervals, MAX_INTERVALS);
     let h = duration / intervals as f64;
     let muscle = model.muscles.first().map_or("NAME", |muscle| muscle.name.as_str());
     let other = model.muscles.get(1).map_or("NAME", |muscle| muscle.name.as_str());
@@ -76,35 +76,35 @@ fn study_text(name: &str, path: &Path, model_path: &Path, motion_path: &Path) ->
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let scale = quoted(&format!("muscle.{muscle}.max_isometric_force_scale"));
     Ok(format!(
-        r#"# A study: a model, a motion, and what to vary. Run it and look at the results:
+        r#"# A study: a model, a motion, and what to vary. To run it and look at the results:
 #   sinew run {name}.toml
 #   sinew report results/{stem}
 name = {stem_quoted}
 description = ""
-model = {model_path}      # what can be varied: sinew keys {model_shown}
+model = {model_path}      # parameters that can be varied: sinew keys {model_shown}
 motion = {motion_path}
 
-# What all jobs share. `sinew keys` lists all settings.
+# Values of all jobs. `sinew keys` lists all settings.
 [base]
-h = {h}      # length of an interval of the mesh, s: {intervals} of them in {duration} s
+h = {h}      # length of a mesh interval, s: {intervals} intervals in {duration} s
 bounds = "both_boxed"      # activations and excitations between 0 and 1
 regularity = "optimum"     # rank test at the solution: is the answer unique?
-trajectories = true        # functions of time, for figures and `sinew export`
+trajectories = true        # store functions of time, for figures and `sinew export`
 
-# Every combination is a job.
+# Each combination of these values is a job.
 [sweep.grid]
-mu = [0.1, 0.2, 0.4]       # weight of the effort against the tracking of the motion
-{scale} = [0.8, 1.0, 1.2]      # a factor on a number of the model
+mu = [0.1, 0.2, 0.4]       # weight of the effort relative to tracking the motion
+{scale} = [0.8, 1.0, 1.2]      # factor on a parameter of the model
 
-# Other axes (remove the # and run again: jobs that are solved are kept):
-# "muscle.*.tendon_slack_length_scale" = [0.97, 1.0, 1.03]      # of all muscles together
+# Other axes (remove the # and run again; solved jobs are kept):
+# "muscle.*.tendon_slack_length_scale" = [0.97, 1.0, 1.03]      # all muscles together
 # {offset} = [-5.0, 0.0, 5.0]
 
-# A ratio of loads to report:
+# A load ratio to report:
 # [[ratio]]
 # name = "my_ratio"
 # numerator = {muscle_quoted}
-# denominator = [{other_quoted}]      # a muscle, or several; * stands for any letters
+# denominator = [{other_quoted}]      # one or several muscles; * stands for any characters
 "#,
         stem_quoted = quoted(&stem),
         model_path = from_study(model_path),
@@ -116,5 +116,5 @@ mu = [0.1, 0.2, 0.4]       # weight of the effort against the tracking of the mo
     ))
 }
 
-/// A long motion on a fine mesh is not a first study.
-const MOST_INTERVALS: usize = 100;
+/// Limits the mesh of a long motion, so that the first study runs quickly.
+const MAX_INTERVALS: usize = 100;

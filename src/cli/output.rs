@@ -1,4 +1,4 @@
-//! A table for programs: CSV, JSON or Markdown to the terminal, CSV or Parquet to a file.
+//! Tables for other programs: CSV, JSON or Markdown on standard output, CSV or Parquet in a file.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::names::is_formula;
 use crate::tables::{Table, Values, Writer};
 use crate::terminal::print;
 
-/// Prints a table in the format that the user wants.
+/// Prints a table in the requested format.
 pub fn print_table(table: &Table, look: Look) -> Result<()> {
     match look.format {
         Format::Table => sheet(table).print(look.wide),
@@ -21,7 +21,7 @@ pub fn print_table(table: &Table, look: Look) -> Result<()> {
     Ok(())
 }
 
-/// The columns of a table in their order, the first ones staying longest.
+/// The columns of a table in order; the rightmost ones are hidden first.
 fn sheet(table: &Table) -> Sheet {
     let mut sheet = Sheet::default();
     for (place, (name, values)) in table.columns.iter().enumerate() {
@@ -35,7 +35,7 @@ fn sheet(table: &Table) -> Sheet {
     sheet
 }
 
-/// An array of objects, one a row, a line each.
+/// An array with one object per row, each on its own line.
 fn json(table: &Table) -> String {
     let row = |row: usize| {
         let value = |(name, values): &(String, Values)| {
@@ -65,7 +65,7 @@ fn markdown(table: &Table) -> String {
     text
 }
 
-/// Writes a table to a file: CSV or Parquet, by its ending.
+/// Writes a table as CSV or Parquet, depending on the file extension.
 pub fn write_table(table: &Table, metadata: Vec<(String, String)>, path: &Path) -> Result<()> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("csv") => write_whole(path, csv(table)?),
@@ -78,8 +78,8 @@ pub fn write_table(table: &Table, metadata: Vec<(String, String)>, path: &Path) 
     }
 }
 
-/// A cell that spreadsheets do not take for a formula.
-fn no_formula(cell: String) -> String {
+/// Puts an apostrophe before text that spreadsheets would read as a formula.
+fn without_formula(cell: String) -> String {
     let is_text = cell.parse::<f64>().is_err();
     if is_text && is_formula(&cell) { format!("'{cell}") } else { cell }
 }
@@ -87,9 +87,10 @@ fn no_formula(cell: String) -> String {
 pub fn csv(table: &Table) -> Result<String> {
     let failed = |e: csv::Error| Error::table("write", Path::new("CSV"), e);
     let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(table.columns.iter().map(|(name, _)| no_formula(name.clone()))).map_err(failed)?;
+    writer.write_record(table.columns.iter().map(|(name, _)| without_formula(name.clone()))).map_err(failed)?;
     for row in 0..table.rows() {
-        let fields = table.columns.iter().map(|(name, _)| no_formula(table.display(name, row).unwrap_or_default()));
+        let fields =
+            table.columns.iter().map(|(name, _)| without_formula(table.display(name, row).unwrap_or_default()));
         writer.write_record(fields).map_err(failed)?;
     }
     let bytes = writer.into_inner().map_err(|e| Error::table("write", Path::new("CSV"), e))?;

@@ -1,4 +1,4 @@
-//! `sinew plan`: the jobs of a study, and whether a run would solve each.
+//! `sinew plan`: lists the jobs of a study, and which of them a run would solve.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::study::Study;
 use crate::tables::{Table, Values};
 use crate::terminal::heading;
 
-/// Jobs listed unless all are asked for.
+/// Number of jobs listed without `--all`.
 const FIRST: usize = 20;
 
 pub fn plan(path: &Path, out: Option<PathBuf>, all: bool, look: Look) -> Result<u8> {
@@ -56,7 +56,7 @@ fn print_summary(study: &Study, reasons: &[Reason], out: &Path) {
     let (instants, duration) = (study.motion.time.len(), study.motion.duration());
     print(&format!("motion {} ({instants} instants, {duration} s)", study.sources.motion.path.display()));
     if study.repeated > 0 {
-        print(&format!("{} repeated jobs left out", study.repeated));
+        print(&format!("{} repeated jobs omitted", study.repeated));
     }
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     reasons.iter().for_each(|reason| *counts.entry(reason.class()).or_default() += 1);
@@ -68,7 +68,7 @@ fn print_summary(study: &Study, reasons: &[Reason], out: &Path) {
         print("failed jobs are kept; run with --failed to solve them again");
     }
     if has(|reason| matches!(reason, Reason::DoneBy(_))) {
-        print("results of another solver are kept; run with --outdated to renew them");
+        print("results of another version of the solver are kept; run with --outdated to renew them");
     }
     print("");
 }

@@ -1,5 +1,5 @@
-//! `sinew rank`: which muscles respond to a change: every muscle against the job of the reference value, from the tables
-//! alone.
+//! `sinew rank`: ranks muscles by their response to a swept parameter. Each job is compared with the job of the
+//! reference value, using only the tables.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::run::folder;
 use crate::tables::{self, Table, Values, schema};
 use crate::terminal::heading;
 
-/// Measures of `muscles` that can be ranked by.
+/// Columns of `muscles` to rank by.
 const MEASURES: [&str; 6] =
     ["mean_force_n", "peak_force_n", "impulse_n_s", "mean_activation", "peak_activation", "min_force_n"];
 /// Muscles printed for each job.
@@ -28,7 +28,7 @@ pub struct Options<'a> {
     pub look: Look,
 }
 
-/// How much one muscle changed in a job.
+/// The value of one muscle in a job and in its reference job.
 struct Change {
     muscle: String,
     reference: f64,
@@ -45,7 +45,7 @@ impl Change {
     }
 }
 
-/// A job beside its reference, muscles with the largest change first.
+/// The changes in a job relative to its reference job, largest first.
 struct Ranking {
     /// Row of the job in `jobs`.
     row: usize,
@@ -77,10 +77,14 @@ fn check(folder: &Path, jobs: &Table, axes: &[String], options: &Options<'_>) ->
     if !axes.iter().any(|axis| axis == options.axis) {
         let near = nearest(options.axis, axes.iter().map(String::as_str));
         let near = near.map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-        return wrong(format!("`{}` is not swept; {near}swept: {}", options.axis, axes.join(", ")));
+        return wrong(format!(
+            "`{}` is not a swept parameter; {near}swept parameters: {}",
+            options.axis,
+            axes.join(", ")
+        ));
     }
     if !MEASURES.contains(&options.measure) {
-        return wrong(format!("`{}` is not a measure; measures: {}", options.measure, MEASURES.join(", ")));
+        return wrong(format!("`{}` is not a measure; available measures: {}", options.measure, MEASURES.join(", ")));
     }
     if !(0..jobs.rows()).any(|row| is_reference(jobs, options, row)) {
         let mut values: Vec<String> =
@@ -100,13 +104,13 @@ fn is_reference(jobs: &Table, options: &Options<'_>, row: usize) -> bool {
     }
 }
 
-/// The values of all axes but the ranked one.
+/// The values of all axes except the ranked one.
 fn others(jobs: &Table, axes: &[String], options: &Options<'_>, row: usize) -> Vec<(String, String)> {
     let others = axes.iter().filter(|axis| *axis != options.axis);
     others.map(|axis| (axis.clone(), jobs.display(axis, row).unwrap_or_default())).collect()
 }
 
-/// Every converged job beside the converged job of the reference value that agrees in all other axes.
+/// Compares every converged job with the converged job of the reference value that agrees in all other axes.
 fn rankings(jobs: &Table, muscles: &Table, axes: &[String], options: &Options<'_>) -> Vec<Ranking> {
     let mut loads: BTreeMap<&str, Vec<(&str, f64)>> = BTreeMap::new();
     for row in 0..muscles.rows() {
@@ -125,7 +129,7 @@ fn rankings(jobs: &Table, muscles: &Table, axes: &[String], options: &Options<'_
     let ranking = |row: usize| {
         let reference = *references.get(&others(jobs, axes, options, row))?;
         let before: HashMap<&str, f64> = load(reference)?.iter().copied().collect();
-        // By name: a muscle that acts on nothing in one of the jobs has no row there.
+        // Match by name: a muscle that acts on no moving body in one of the jobs has no row there.
         let change = |&(muscle, value): &(&str, f64)| {
             let reference = *before.get(muscle)?;
             Some(Change { muscle: muscle.to_owned(), reference, value })

@@ -1,4 +1,4 @@
-//! `sinew report`: a results folder as one page, and its figures as files.
+//! `sinew report`: writes a results folder as one HTML page, and its figures as SVG files.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -8,13 +8,13 @@ use crate::error::{Error, Result};
 use crate::files::write_whole;
 use crate::report::Report;
 
-/// Figures go into this folder beside the page.
+/// Folder of the figures, beside the page.
 const FIGURES: &str = "figures";
 
-/// Refuses to write over a page that is none of Sinew's.
+/// Refuses to overwrite a file that is not a report of Sinew.
 fn is_replaceable(out: &Path) -> Result<()> {
     let mut begin = Vec::new();
-    // A pipe or a device holds nobody's page, and reading one would wait.
+    // A pipe or a device contains no page, and reading it would block.
     if out.is_file() {
         let read = std::fs::File::open(out).and_then(|file| file.take(4096).read_to_end(&mut begin));
         read.map_err(|e| Error::io("read", out, e))?;
@@ -23,7 +23,7 @@ fn is_replaceable(out: &Path) -> Result<()> {
     if begin.is_empty() || is_own(b"content=\"Sinew\"") || is_own(b" \xe2\x80\x93 Sinew</title>") {
         return Ok(());
     }
-    Err(Error::table("write over", out, "it is no report of Sinew; choose another --out, or move it away"))
+    Err(Error::table("overwrite", out, "it is not a report of Sinew; choose another --out, or move it away"))
 }
 
 pub fn report(dir: &Path, baseline: Option<&Path>, out: Option<PathBuf>, svg: bool, job: Option<u64>) -> Result<u8> {

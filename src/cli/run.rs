@@ -1,4 +1,4 @@
-//! `sinew run` and `sinew merge`: solve, keep, show.
+//! `sinew run` and `sinew merge`: solve the jobs of a study, write the tables and print them.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,20 +14,20 @@ use crate::run::{Ended, RunOptions, Shard, collect, default_folder, run as run_s
 use crate::study::Study;
 use crate::terminal;
 
-/// Runs a study; `options.out` is empty for the usual folder.
+/// Runs a study. If `options.out` is empty, the results go to the default folder.
 pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
     let study = Study::load(path)?;
     let out = if options.out.as_os_str().is_empty() { default_folder(&study) } else { options.out.clone() };
     let options = RunOptions { out: out.clone(), ..options };
     let stop = Arc::new(AtomicBool::new(false));
     stop_at_signals(Arc::clone(&stop));
-    notes(&study)?;
+    print_notes(&study)?;
     let report = run_study(&study, &options, &stop)?;
     if options.shard.is_none() && !terminal::is_quiet() {
         show::print_all(&out, false, false)?;
         print("");
     }
-    let kept = if report.kept > 0 { format!(" ({} of them earlier)", report.kept) } else { String::new() };
+    let kept = if report.kept > 0 { format!(" ({} of them from an earlier run)", report.kept) } else { String::new() };
     let finished = format!("{} of {} jobs finished{kept}", report.finished, report.jobs);
     let code = match report.ended {
         Ended::Interrupted => {
@@ -36,13 +36,13 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
         }
         Ended::FirstFailure => {
             print(
-                "Stopped at a failed job, as on_failure = \"stop\" asks. Run again to continue with the others, or with \
-                 --failed to solve it again.",
+                "Stopped at a failed job because on_failure = \"stop\". Run again to continue with the other jobs, or \
+                 with --failed to solve the failed one again.",
             );
             FAILED_JOBS
         }
         Ended::Complete if report.failed > 0 => {
-            print(&format!("{} jobs did not converge; --failed solves them again.", report.failed));
+            print(&format!("{} jobs did not converge; run with --failed to solve them again.", report.failed));
             FAILED_JOBS
         }
         Ended::Complete => GOOD,
@@ -50,7 +50,7 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
     let folder = out.display();
     match options.shard {
         Some(Shard { index, count }) => {
-            print(&format!("Shard {index}/{count}: {finished}; `sinew merge {folder}` makes the tables"));
+            print(&format!("Shard {index}/{count}: {finished}; `sinew merge {folder}` writes the tables"));
         }
         None => {
             if code == GOOD && !terminal::is_quiet() {
@@ -62,10 +62,10 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
     Ok(code)
 }
 
-/// Ctrl-C, `kill` and a terminal that is closed stop a run after the jobs at work; the first two again stop it now.
+/// Ctrl-C, `kill` and closing the terminal stop a run after the running jobs. A second Ctrl-C or `kill` stops it now.
 fn stop_at_signals(stop: Arc<AtomicBool>) {
     let mut wanted = vec![SIGINT, SIGTERM];
-    // What `nohup` asks for.
+    // `nohup` starts the program with SIGHUP ignored; keep it so.
     if !is_ignored(SIGHUP) {
         wanted.push(SIGHUP);
     }
@@ -75,27 +75,25 @@ fn stop_at_signals(stop: Arc<AtomicBool>) {
             if stop.swap(true, Ordering::Relaxed) && signal != SIGHUP {
                 std::process::exit(i32::from(INTERRUPTED));
             }
-            note(
-                "\nstopping when the running jobs are finished; all finished jobs are kept (Ctrl-C again stops at once)",
-            );
+            note("\nstopping after the running jobs; all finished jobs are kept (press Ctrl-C again to stop at once)");
         }
     });
 }
 
-/// Whether the program was started with a signal ignored (where the system tells).
+/// True if the program was started with a signal ignored; false on systems without `/proc`.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
     mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
-/// What a user should know before the first job: columns that are not used, and what an OpenSim model loses.
-fn notes(study: &Study) -> Result<()> {
+/// Prints notes before the first job: remarks on the motion file, and what is lost from an OpenSim model.
+fn print_notes(study: &Study) -> Result<()> {
     study.motion.notes.iter().for_each(|text| note(&format!("note: {text}")));
     say_lost(&study.sources.model)
 }
 
-/// Makes the tables from what all shards have finished.
+/// Writes the tables from the finished jobs of all shards.
 pub fn merge(dir: &Path) -> Result<u8> {
     let (study, collected) = collect::merge(dir)?;
     if !terminal::is_quiet() {
@@ -107,8 +105,8 @@ pub fn merge(dir: &Path) -> Result<u8> {
     if missing > 0 {
         let file = study.sources.study.path.display();
         print(&format!(
-            "{missing} jobs are missing: `sinew status {folder}` names them. Run their shards again, or `sinew run {file} \
-             --out {folder}`."
+            "{missing} jobs are missing: `sinew status {folder}` lists them. Run their shards again, or \
+             `sinew run {file} --out {folder}`."
         ));
     }
     print(&format!("{} of {} jobs finished; results in {folder}", collected.finished(), collected.jobs));

@@ -1,4 +1,4 @@
-//! `sinew schema`: the JSON Schema of study and model files, or their keys with what they mean.
+//! `sinew schema`: prints the JSON Schema of study and model files, or their keys with explanations.
 
 use super::arguments::{Format, Look, SchemaKind};
 use super::output::print_table;

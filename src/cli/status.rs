@@ -1,4 +1,4 @@
-//! `sinew status`: how far a results folder is, from the plan and the finished jobs, while a run is at work or after it.
+//! `sinew status`: shows the progress of a run from its plan and finished jobs, during the run or afterwards.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,14 +11,14 @@ use crate::outcome::Status;
 use crate::run::manifest::{Manifest, PlannedJob};
 use crate::run::store::Store;
 
-/// Failed and missing jobs named.
-const NAMED: usize = 10;
-/// The rate is that of the last minute, ms.
-const RECENT: u64 = 60_000;
+/// Number of failed jobs, and of missing jobs, that are listed.
+const LISTED: usize = 10;
+/// The rate is measured over this time before the last finished job, ms.
+const RATE_WINDOW: u64 = 60_000;
 
 pub fn status(dir: &Path) -> Result<u8> {
     let Some(manifest) = Manifest::read(dir)? else {
-        let reason = "there is no manifest.json in it, so it is no results folder; `sinew run STUDY` makes one";
+        let reason = "it has no manifest.json, so it is not a results folder; `sinew run STUDY` creates one";
         return Err(Error::table("show the status of", dir, reason));
     };
     let mut store = Store::read(dir)?;
@@ -41,45 +41,46 @@ pub fn status(dir: &Path) -> Result<u8> {
     let done = if done.is_empty() { String::new() } else { format!(" ({})", done.join(", ")) };
     print(&format!("{}: {} of {total} jobs finished{done}, {} to do", manifest.study.name, times.len(), missing.len()));
     if store.damaged > 0 {
-        print(&format!("{}: their jobs run again", counted(store.damaged, "damaged line")));
+        print(&format!("{}: the jobs on them will be solved again", counted(store.damaged, "damaged line")));
     }
     times.sort_unstable();
     if let Some(&last) = times.last() {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64);
-        print(&format!("the last one finished {:.0} s ago", now.saturating_sub(last) as f64 / 1e3));
+        print(&format!("the last job finished {:.0} s ago", now.saturating_sub(last) as f64 / 1e3));
     }
     if Store::at_work(dir) {
-        let recent: Vec<u64> = times.iter().copied().filter(|t| t + RECENT >= times[times.len() - 1]).collect();
+        let recent: Vec<u64> = times.iter().copied().filter(|t| t + RATE_WINDOW >= times[times.len() - 1]).collect();
         let span = recent.last().zip(recent.first()).map_or(0, |(last, first)| last - first) as f64 / 1e3;
         let eta = match recent.len() {
             n if n > 1 && span > 0.0 => {
                 let rate = (n - 1) as f64 / span;
                 format!(
-                    ": {rate:.2} jobs a second in the last minute, about {:.0} s to go",
+                    ": {rate:.2} jobs per second in the last minute, about {:.0} s left",
                     missing.len() as f64 / rate
                 )
             }
             _ => String::new(),
         };
-        print(&format!("a run is at work here{eta}"));
+        print(&format!("a run is in progress{eta}"));
     } else if !missing.is_empty() {
         print(
-            "no run is at work here (on this machine): `sinew run` goes on, `sinew merge` makes tables of what is there",
+            "no run is in progress on this machine: `sinew run` continues, `sinew merge` writes tables of the finished \
+             jobs",
         );
     }
-    for job in failed.iter().take(NAMED) {
+    for job in failed.iter().take(LISTED) {
         let outcome = store.outcome(&job.job_id)?;
         let (status, error) = outcome.map_or((Status::Invalid, None), |o| (o.job.status, o.job.error));
         let swept = swept(&manifest, job);
         print(&format!("job {}{swept}: {}: {}", job.index, status.name(), error.unwrap_or_default()));
     }
-    if failed.len() > NAMED {
-        print(&format!("… and {}: see jobs.parquet", counted(failed.len() - NAMED, "more failed job")));
+    if failed.len() > LISTED {
+        print(&format!("… and {}: see jobs.parquet", counted(failed.len() - LISTED, "more failed job")));
     }
     if !missing.is_empty() && !times.is_empty() {
-        let named: Vec<String> = missing.iter().take(NAMED).map(|job| job.index.to_string()).collect();
-        let more = if missing.len() > NAMED { ", …" } else { "" };
-        print(&format!("to do: {}{more}", named.join(", ")));
+        let listed: Vec<String> = missing.iter().take(LISTED).map(|job| job.index.to_string()).collect();
+        let more = if missing.len() > LISTED { ", …" } else { "" };
+        print(&format!("to do: {}{more}", listed.join(", ")));
     }
     Ok(if missing.is_empty() && failed.is_empty() { GOOD } else { FAILED_JOBS })
 }

@@ -1,6 +1,6 @@
-//! The model file: what a user writes (TOML), and its check into a [`Model`].
+//! The TOML file of a planar model, and the checks that turn it into a [`Model`].
 //!
-//! SI units, angles in degrees where the key says `_deg`. `data/models/arm.toml` is a commented example.
+//! Units are SI; angles are in degrees if the key ends in `_deg`. `data/models/arm.toml` is a commented example.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -21,7 +21,7 @@ use crate::names;
 pub struct ModelFile {
     /// Name of the model.
     pub name: String,
-    /// Where the numbers come from and under which licence.
+    /// Where the data come from, and their licence.
     pub source: Option<String>,
     /// Acceleration of gravity in the ground frame, m/s².
     #[serde(default = "earth")]
@@ -29,10 +29,10 @@ pub struct ModelFile {
     /// Shape of the force–velocity curve.
     #[serde(default)]
     pub curves: CurvesEntry,
-    /// Rigid bodies; `ground` is always there.
+    /// Rigid bodies. The body `ground` is predefined.
     #[serde(default)]
     pub body: Vec<BodyEntry>,
-    /// Joints between bodies; more joints than bodies close loops.
+    /// Joints between bodies. More joints than bodies close loops.
     #[serde(default)]
     pub joint: Vec<JointEntry>,
     /// Musculotendons.
@@ -119,15 +119,15 @@ pub struct JointEntry {
     pub kind: JointEntryKind,
     /// `ground` or a body.
     pub parent: String,
-    /// The joint in the parent's frame, m.
+    /// Position of the joint in the parent's frame, m.
     pub parent_point: [f64; 2],
-    /// The other body.
+    /// The body that moves relative to the parent.
     pub child: String,
-    /// The joint in the child's frame, m.
+    /// Position of the joint in the child's frame, m.
     pub child_point: [f64; 2],
-    /// Name of the joint coordinate in motion files; leave it out on a joint that only closes a loop.
+    /// Name of the joint coordinate in motion files. Omit it for a joint that only closes a loop.
     pub coordinate: Option<String>,
-    /// child angle − parent angle where the coordinate is zero (for welds and prismatic joints: always), degrees.
+    /// Child angle − parent angle when the coordinate is zero (always, for welds and prismatic joints), degrees.
     #[serde(default)]
     pub angle_deg: f64,
     /// Direction of a prismatic joint in the parent's frame.
@@ -190,7 +190,7 @@ pub struct ForceEntry {
     pub point: [f64; 2],
     /// The force in the ground frame, N.
     pub force: [f64; 2],
-    /// A moment beside it, N m.
+    /// An additional moment, N m.
     #[serde(default)]
     pub moment: f64,
 }
@@ -204,7 +204,7 @@ impl ModelFile {
     /// Reads and checks a model file.
     ///
     /// # Errors
-    /// All mistakes, each with its place.
+    /// All mistakes, each with its location.
     pub fn load(file: &SourceFile) -> Result<(toml::Table, Model)> {
         let entry: ModelFile = file.toml()?;
         let model = entry.check_all().map_err(|issues| Issue::all_in_file(&issues, file))?;
@@ -220,10 +220,10 @@ impl ModelFile {
         self.check_all().map_err(first)
     }
 
-    /// Checks what types cannot say.
+    /// Checks what the types cannot express.
     ///
     /// # Errors
-    /// All mistakes, each with the path of the value at fault.
+    /// All mistakes, each with the path of the offending value.
     pub fn check_all(&self) -> std::result::Result<Model, Vec<Issue>> {
         let mut mistakes = Mistakes::default();
         if self.body.is_empty() {
@@ -239,7 +239,11 @@ impl ModelFile {
         mistakes.take(unique("muscle", self.muscle.iter().map(|m| m.name.as_str())));
         mistakes.take(unique("force", self.force.iter().map(|f| f.name.as_str())));
         if self.body.iter().any(|b| b.name == "ground") {
-            mistakes.push(Issue::new(&["body", "ground"], "`ground` is always there", "give this body another name"));
+            mistakes.push(Issue::new(
+                &["body", "ground"],
+                "the name `ground` is reserved",
+                "give this body another name",
+            ));
         }
         for body in &self.body {
             mistakes.take(positive(&["body", &body.name, "mass"], body.mass, "kg"));
@@ -256,8 +260,8 @@ impl ModelFile {
             {
                 mistakes.push(Issue::new(
                     &["joint", &joint.name, "coordinate"],
-                    format!("the joint coordinate `{name}` is named twice"),
-                    "each joint needs a name of its own for its coordinate",
+                    format!("two joints have the coordinate `{name}`"),
+                    "give the coordinate of each joint its own name",
                 ));
             }
         }
@@ -277,28 +281,28 @@ impl ModelFile {
         Ok(Model { name: self.name.clone(), mechanics, muscles })
     }
 
-    /// Joint coordinates place a body only through a chain of joints from the ground.
+    /// Checks that a chain of joints connects each body to the ground, which determines its position.
     fn check_connections(&self, joints: &[Joint]) -> std::result::Result<(), Issue> {
-        let mut tied = vec![false; self.body.len()];
+        let mut connected = vec![false; self.body.len()];
         for _ in &self.body {
             for joint in joints {
                 let ends = joint.bodies();
-                if ends.iter().any(|end| end.is_none_or(|body| tied[body])) {
-                    ends.into_iter().flatten().for_each(|body| tied[body] = true);
+                if ends.iter().any(|end| end.is_none_or(|body| connected[body])) {
+                    ends.into_iter().flatten().for_each(|body| connected[body] = true);
                 }
             }
         }
-        match tied.iter().position(|tied| !tied) {
+        match connected.iter().position(|connected| !connected) {
             None => Ok(()),
             Some(body) => Err(Issue::new(
                 &["body", &self.body[body].name],
-                "no chain of joints ties this body to the ground",
-                "add a joint between it and the ground or a body that is tied to the ground",
+                "no chain of joints connects this body to the ground",
+                "add a joint between it and the ground, or a body that is connected to the ground",
             )),
         }
     }
 
-    /// A point of a body's frame, relative to its centre of mass.
+    /// Converts a point in a body's frame to a point relative to its centre of mass.
     fn place(&self, body: &str, point: [f64; 2], path: &[&str]) -> std::result::Result<Place, Issue> {
         finite(path, &point)?;
         if body == "ground" {
@@ -385,12 +389,12 @@ impl ModelFile {
         positive(&key("tendon_slack_length"), m.tendon_slack_length, "m")?;
         positive(&key("activation_time"), m.activation_time, "s")?;
         positive(&key("deactivation_time"), m.deactivation_time, "s")?;
-        positive(&key("max_shortening_velocity"), m.max_shortening_velocity, "optimal fibre lengths a second")?;
+        positive(&key("max_shortening_velocity"), m.max_shortening_velocity, "optimal fibre lengths per second")?;
         if !(0.0..85.0).contains(&m.pennation_angle_deg) {
             return Err(Issue::new(
                 &key("pennation_angle_deg"),
                 format!("found {}", m.pennation_angle_deg),
-                "it must lie from 0 to 85 degrees",
+                "it must be at least 0 and below 85 degrees",
             ));
         }
         if m.path.len() < 2 {
@@ -409,15 +413,15 @@ impl ModelFile {
         if points.windows(2).any(|w| w[0] == w[1]) {
             return Err(Issue::new(
                 &key("path"),
-                "two neighbouring points are the same",
-                "remove one of them: a segment of no length has no direction",
+                "two successive points coincide",
+                "remove one of them: a segment of zero length has no direction",
             ));
         }
         let path = StraightPath::new(points);
         if path.points.iter().all(|p| p.body() == path.points[0].body()) {
             return Err(Issue::new(
                 &key("path"),
-                "all points are on one body",
+                "all points are on the same body",
                 "origin and insertion must be on different bodies for the muscle to act on a joint",
             ));
         }
@@ -445,14 +449,14 @@ impl ModelFile {
             }
             Place::Ground(_) => Err(Issue::new(
                 &["force", &f.name, "body"],
-                "a force on the ground moves nothing",
+                "a force on the ground has no effect",
                 "name the body that the force acts on",
             )),
         }
     }
 }
 
-/// For the checks of other model files too.
+/// Rejects numbers that are not positive and finite. The checks of spatial models use it, too.
 pub fn positive(path: &[&str], value: f64, unit: &str) -> std::result::Result<(), Issue> {
     if value > 0.0 && value.is_finite() {
         Ok(())
@@ -461,7 +465,7 @@ pub fn positive(path: &[&str], value: f64, unit: &str) -> std::result::Result<()
     }
 }
 
-/// Refuses numbers that are not finite.
+/// Rejects numbers that are not finite.
 pub fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
     match values.iter().find(|v| !v.is_finite()) {
         None => Ok(()),
@@ -469,7 +473,7 @@ pub fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
     }
 }
 
-/// Refuses a name that files, pages and spreadsheets cannot bear.
+/// Rejects a name that is not safe in files, web pages and spreadsheets.
 pub fn named(path: &[&str], name: &str) -> std::result::Result<(), Issue> {
     match names::flaw(name) {
         None => Ok(()),
@@ -481,7 +485,7 @@ pub fn named(path: &[&str], name: &str) -> std::result::Result<(), Issue> {
     }
 }
 
-/// Each name once, one that files can bear and studies can address.
+/// Checks that each name is safe, can be addressed by studies, and occurs only once.
 pub fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::result::Result<(), Issue> {
     let mut seen = std::collections::BTreeSet::new();
     for name in names {
@@ -490,15 +494,11 @@ pub fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::resu
             return Err(Issue::new(
                 &[kind, name],
                 format!("found the name \"{name}\""),
-                "a name has no `.` or `*`: studies address values as kind.name.key",
+                "a name must not contain `.` or `*`: studies address values as kind.name.key",
             ));
         }
         if !seen.insert(name) {
-            return Err(Issue::new(
-                &[kind, name],
-                format!("there are two with the name `{name}`"),
-                "give each a name of its own",
-            ));
+            return Err(Issue::new(&[kind, name], format!("the name `{name}` occurs twice"), "give each its own name"));
         }
     }
     Ok(())

@@ -19,7 +19,7 @@ const FAILURES_SHOWN: usize = 10;
 const DRAW_EVERY: Duration = Duration::from_millis(250);
 const LINE_EVERY: Duration = Duration::from_secs(10);
 /// How long the end of a run waits for the last line to be drawn.
-const PATIENCE: Duration = Duration::from_secs(1);
+const END_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Counts finished jobs.
 pub struct Progress {
@@ -32,7 +32,7 @@ pub struct Progress {
 #[derive(Clone, Default)]
 struct State {
     counts: BTreeMap<Status, usize>,
-    /// Lines that are not on the terminal yet.
+    /// Lines that have not been printed yet.
     lines: Vec<String>,
 }
 
@@ -58,16 +58,16 @@ impl Progress {
         std::thread::spawn(move || {
             let mut screen = Screen::new(total);
             while is_ending.recv_timeout(DRAW_EVERY) == Err(RecvTimeoutError::Timeout) {
-                screen.draw(taken(&seen));
+                screen.draw(take_state(&seen));
             }
-            screen.draw(taken(&seen));
+            screen.draw(take_state(&seen));
             screen.end();
             let _ = has_ended.send(());
         });
         Self { state, end: Some(end), ended }
     }
 
-    /// Counts a job and shows the first that fail; every job with `--verbose`.
+    /// Counts a job. Prints the first failures, or every job with `--verbose`.
     pub fn finished(&self, index: usize, status: Status, error: Option<&str>) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         *state.counts.entry(status).or_default() += 1;
@@ -91,15 +91,15 @@ impl Progress {
         }
     }
 
-    /// Shows the last state.
+    /// Prints the final state and ends the drawing thread.
     pub fn end(&mut self) {
         if self.end.take().is_some() {
-            let _ = self.ended.recv_timeout(PATIENCE);
+            let _ = self.ended.recv_timeout(END_TIMEOUT);
         }
     }
 }
 
-fn taken(state: &Mutex<State>) -> State {
+fn take_state(state: &Mutex<State>) -> State {
     let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
     let lines = std::mem::take(&mut state.lines);
     State { lines, ..state.clone() }
@@ -110,7 +110,7 @@ struct Screen {
     total: usize,
     started: Instant,
     last_line: Instant,
-    /// Jobs that the last line counted.
+    /// Number of jobs in the last line.
     counted: usize,
 }
 

@@ -32,9 +32,9 @@ pub struct SkeletonFile {
     pub source: Option<String>,
     /// Must be 3. Files of planar models do not have this key.
     pub dimensions: u8,
-    /// Rigid bodies; `ground` is always there.
+    /// Rigid bodies. The body `ground` is predefined.
     pub body: Vec<BodyEntry>,
-    /// Joints: a tree from the ground.
+    /// Joints. They form a tree rooted at the ground.
     pub joint: Vec<JointEntry>,
     /// Joint coordinates.
     pub coordinate: Vec<CoordinateEntry>,
@@ -111,7 +111,7 @@ pub struct ForceEntry {
     /// Point of application in the body's frame, m.
     #[serde(default)]
     pub point: [f64; 3],
-    /// The force in the axes of the ground, N; without it the motion file has it over time.
+    /// The force in the axes of the ground, N. If absent, the motion file supplies it over time.
     pub force: Option<[f64; 3]>,
     /// Factor on the force.
     #[serde(default = "one")]
@@ -163,7 +163,7 @@ pub enum JointEntryKind {
     Weld,
     /// translations and rotations along and about axes
     Axes,
-    /// sliding on an ellipsoid, as the scapula on the thorax
+    /// sliding on an ellipsoid, like the scapula on the thorax
     Ellipsoid,
 }
 
@@ -176,7 +176,7 @@ pub struct JointEntry {
     pub kind: JointEntryKind,
     /// `ground` or a body.
     pub parent: String,
-    /// The body that moves against the parent.
+    /// The body that moves relative to the parent.
     pub child: String,
     /// Origin of the joint frame in the parent's frame, m.
     #[serde(default)]
@@ -187,27 +187,27 @@ pub struct JointEntry {
     /// Origin of the joint frame in the child's frame, m.
     #[serde(default)]
     pub child_point: [f64; 3],
-    /// Body-fixed rotations of the joint frame in the child's, rad.
+    /// Body-fixed rotations about x, y and z of the joint frame in the child's, rad.
     #[serde(default)]
     pub child_rotation: [f64; 3],
-    /// Of an `axes` joint: translations, in the joint frame on the parent.
+    /// Of an `axes` joint: translations in the joint frame of the parent.
     #[serde(default)]
     pub translations: Vec<AxisEntry>,
-    /// Of an `axes` joint: rotations, each of which turns the axes after it.
+    /// Of an `axes` joint: rotations. Each one also rotates the axes after it.
     #[serde(default)]
     pub rotations: Vec<AxisEntry>,
     /// Of an ellipsoid joint: radii along x, y and z, m.
     pub radii: Option<[f64; 3]>,
-    /// Of an ellipsoid joint: abduction, elevation, upward rotation, winging.
+    /// Of an ellipsoid joint: the coordinates of abduction, elevation, upward rotation and winging.
     pub coordinates: Option<[String; 4]>,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisEntry {
-    /// The coordinate that moves it.
+    /// The coordinate that drives the axis.
     pub coordinate: String,
-    /// Its direction.
+    /// Direction of the axis.
     pub axis: [f64; 3],
     /// Translation (m) or rotation (rad) as a function of the coordinate; the coordinate itself if absent.
     pub by: Option<FunctionEntry>,
@@ -218,13 +218,13 @@ pub struct AxisEntry {
 pub struct CoordinateEntry {
     /// Name of the coordinate, as in motion files.
     pub name: String,
-    /// Value where nothing else is said, rad or m.
+    /// Value if no other is given, rad or m.
     #[serde(default)]
     pub default: f64,
     /// Fixed at its default in a study.
     #[serde(default)]
     pub locked: bool,
-    /// Intended range (rad, m). A motion outside it is not an error.
+    /// Intended range, rad or m. A motion outside it is not an error.
     pub range: Option<[f64; 2]>,
     /// The coordinate that determines this one, and the function (a coordinate coupler).
     pub follows: Option<FollowsEntry>,
@@ -242,13 +242,13 @@ pub struct FollowsEntry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SurfaceKind {
-    /// of `radius`
+    /// with `radius`
     Sphere,
-    /// of `radius` and `length` about z
+    /// about z, with `radius` and `length`
     Cylinder,
-    /// of `radii`
+    /// with `radii`
     Ellipsoid,
-    /// of `ring_radius` and `radius` about z
+    /// about z, with `ring_radius` and `radius`
     Torus,
 }
 
@@ -264,7 +264,7 @@ pub struct SurfaceEntry {
     /// Its centre in the body's frame, m.
     #[serde(default)]
     pub point: [f64; 3],
-    /// Body-fixed rotations of its frame in the body's, rad.
+    /// Body-fixed rotations about x, y and z of its frame in the body's, rad.
     #[serde(default)]
     pub rotation: [f64; 3],
     /// Of a sphere, a cylinder or the tube of a torus: its radius, m.
@@ -292,9 +292,9 @@ pub struct PointEntry {
     pub moves: Option<MovesEntry>,
     /// A function of a coordinate that is added to the point's x, m.
     pub x: Option<FollowsEntry>,
-    /// … to its y, m.
+    /// A function of a coordinate that is added to the point's y, m.
     pub y: Option<FollowsEntry>,
-    /// … to its z, m.
+    /// A function of a coordinate that is added to the point's z, m.
     pub z: Option<FollowsEntry>,
     /// When the path passes through the point; always if absent.
     pub when: Option<WhenEntry>,
@@ -340,7 +340,7 @@ pub struct MuscleEntry {
     pub deactivation_time: Option<f64>,
     /// Largest shortening velocity, optimal fibre lengths per second; that of `[muscles]` if absent.
     pub max_shortening_velocity: Option<f64>,
-    /// Whether the tendon is rigid; by `rigid_tendon_below` if absent.
+    /// Whether the tendon is rigid; determined by `rigid_tendon_below` if absent.
     pub rigid_tendon: Option<bool>,
     /// Origin, via points, insertion: at least two points.
     pub path: Vec<PointEntry>,
@@ -354,16 +354,16 @@ pub struct MuscleEntry {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum ObstacleEntry {
-    /// its name
+    /// the name alone
     Any(String),
-    /// … with the one part that may wrap it
+    /// the name, and the one part that may wrap it
     Part {
         /// Name of the surface.
         name: String,
         /// The part, from 0.
         part: usize,
     },
-    /// … with the first and the last part that may wrap it
+    /// the name, and the first and last part that may wrap it
     Parts {
         /// Name of the surface.
         name: String,

@@ -1,4 +1,4 @@
-//! What a study may set, in `[base]` and in axes alike, beside the numbers of the model.
+//! The settings of a study, for `[base]` and axes alike. (Both can also set numeric parameters of the model.)
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -37,7 +37,7 @@ impl Value {
         }
     }
 
-    /// `None` for what is no single value.
+    /// `None` if the item is not a single value.
     pub fn of(item: &toml::Value) -> Option<Self> {
         match item {
             toml::Value::Boolean(flag) => Some(Value::Flag(*flag)),
@@ -48,7 +48,7 @@ impl Value {
         }
     }
 
-    /// Whether both mean the same: 1 is 1.0, and rounding in a range does not matter.
+    /// True if both values are the same: 1 equals 1.0, and rounding errors in ranges are ignored.
     pub fn same(&self, other: &Self) -> bool {
         match (self.number(), other.number()) {
             (Some(a), Some(b)) => a == b || (a - b).abs() <= 1e-12 * a.abs().max(b.abs()),
@@ -94,27 +94,27 @@ macro_rules! choices {
 choices! {
     /// How the continuous problem is transcribed.
     Scheme {
-        /// the thesis' B-spline collocation, for Table 1; fibre velocities ring
+        /// the thesis' B-spline collocation, for Table 1; fibre velocities oscillate
         Midpoint = "midpoint",
-        /// Radau IIA collocation of the stabilised index-2 form, for results to rely on
+        /// Radau IIA collocation of the stabilised index-2 form; recommended
         Radau = "radau",
     }
 }
 
 choices! {
-    /// How fibre lengths start (radau).
+    /// Initial fibre lengths (radau).
     Initial {
-        /// the fibres do not move at the start: l̇_m = 0
+        /// the fibres are at rest initially: l̇_m = 0
         Equilibrium = "equilibrium",
-        /// the lengths are unknowns; ill-posed, because they act through the first step only
+        /// the initial lengths are unknowns; ill-posed, because they affect only the first step
         Free = "free",
     }
 }
 
 choices! {
-    /// Which bounds are imposed at every collocation point; where a ≥ 0 is not, f_m ≥ 0 is.
+    /// Bounds imposed at every collocation point. Without a ≥ 0, f_m ≥ 0 is imposed instead.
     Bounds {
-        /// no bounds
+        /// no bounds on a and u
         None = "none",
         /// a ≥ 0
         Activation = "activation",
@@ -132,7 +132,7 @@ choices! {
 }
 
 choices! {
-    /// Where activation enters the objective.
+    /// Instants at which activation enters the objective.
     LoadSharingGrid {
         /// at the measured instants t̂ (Table 1, first block)
         Measurement = "measurement",
@@ -142,25 +142,25 @@ choices! {
 }
 
 choices! {
-    /// What a job starts from; part of its identity.
+    /// Start guess of a job; part of its identity.
     WarmStart {
         /// a guess by inverse dynamics
         Off = "off",
-        /// its own solution on a mesh of half as many intervals, itself started so, down to about ten
+        /// its own solution on a mesh with half as many intervals, which is started in the same way, down to about ten
         Mesh = "mesh",
-        /// the solution of the job before it, where only the last axis differs, in blocks of at most 16
+        /// the solution of the previous job if only the last axis differs, in blocks of at most 16 jobs
         Neighbour = "neighbour",
     }
 }
 
 choices! {
-    /// The shoulder girdle of a spatial model: bodies of the role `girdle`.
+    /// Motion of the shoulder girdle of a spatial model: bodies with the role `girdle`.
     Girdle {
-        /// clavicle and scapula stay as at the start; the arm keeps its directions in space
+        /// clavicle and scapula keep their initial pose; the arm keeps its orientation in space
         Fixed = "fixed",
-        /// they move as the motion file says
+        /// they follow the motion file
         Prescribed = "prescribed",
-        /// they move by forces, their muscles acting on them
+        /// they move by forces, including those of their muscles
         Equilibrium = "equilibrium",
     }
 }
@@ -176,11 +176,11 @@ impl From<Girdle> for crate::skeleton::Girdle {
 }
 
 choices! {
-    /// When ranks are taken.
+    /// When ranks are computed.
     RegularityMode {
         /// at every iterate and at the optimum
         EveryIteration = "every_iteration",
-        /// at the optimum only, which is quicker
+        /// only at the optimum, which is faster
         Optimum = "optimum",
         /// never; no verdicts on uniqueness and no sensitivities
         Off = "off",
@@ -188,7 +188,7 @@ choices! {
 }
 
 impl Bounds {
-    /// The inequalities to impose: what the user asked for, and `f_m ≥ 0` where `a ≥ 0` is not among it.
+    /// The inequalities to impose: the requested ones, and `f_m ≥ 0` if `a ≥ 0` is not among them.
     pub fn kinds(self) -> Vec<BoundKind> {
         let mut kinds = match self {
             Bounds::None => vec![],
@@ -218,50 +218,50 @@ pub struct Settings {
     /// Load-sharing parameter μ: the objective has the term μ²/2 ‖a‖², eq. (26).
     #[schemars(range(min = 0.0, max = 1e6))]
     pub mu: f64,
-    /// Length of an interval of the mesh, s; must divide the duration of the motion.
+    /// Length of a mesh interval, s. It must divide the duration of the motion.
     #[schemars(range(min = 1e-6, max = 1e6))]
     pub h: f64,
     pub scheme: Scheme,
-    /// Radau points per interval. Default 3 in the plane and 1 in space, where three take about ten times as long and do
-    /// not always converge. One is quick, but overestimates the effort on coarse meshes.
+    /// Radau points per interval. The default is 3 for planar models, and 1 for spatial models, where 3 takes about ten
+    /// times as long and does not always converge; 1 is fast, but overestimates the effort on coarse meshes.
     #[schemars(range(min = 1, max = 3))]
     pub stages: usize,
     pub initial: Initial,
     pub bounds: Bounds,
-    #[serde(skip_serializing_if = "is_prescribed")]
+    #[serde(skip_serializing_if = "is_default_girdle")]
     pub girdle: Girdle,
     pub load_sharing_grid: LoadSharingGrid,
-    /// Measured instants per interval; by default twice the collocation points per interval.
+    /// Measured instants per interval. The default is twice the number of collocation points per interval.
     #[schemars(range(min = 1, max = 1000))]
     pub measurement_ratio: Option<usize>,
-    /// Standard deviation of seeded normal noise on measured body coordinates, m and rad.
+    /// Standard deviation of seeded Gaussian noise on measured body coordinates, m and rad.
     #[schemars(range(min = 0.0, max = 1e3))]
     pub noise_sd: f64,
-    /// Cut-off of a zero-lag Butterworth low-pass on the motion, Hz; 0 for none.
+    /// Cut-off frequency of the zero-lag Butterworth low-pass filter of the motion, Hz; 0 for no filter.
     #[schemars(range(min = 0.0, max = 1e6))]
     pub smoothing_hz: f64,
-    /// Start guesses to solve from: the first by inverse dynamics, the others that one disturbed at random.
+    /// Number of start guesses. The first comes from inverse dynamics; the others are random perturbations of it.
     #[schemars(range(min = 1, max = 100_000))]
     pub starts: usize,
-    /// Number of the first of them; 0 is the one by inverse dynamics.
+    /// Number of the first start guess; 0 is the one from inverse dynamics.
     #[schemars(range(min = 0, max = 1_000_000))]
     pub first_start: usize,
     pub warm_start: WarmStart,
-    /// Seed of noise and of disturbed starts.
+    /// Seed of the noise and of the perturbed start guesses.
     pub seed: u64,
     pub regularity: RegularityMode,
     /// Whether to store functions of time in `trajectories.parquet`.
     pub trajectories: bool,
-    /// Limit of a solve, in SQP iterations. A solve that is stuck or reaches it is restarted once with other options,
-    /// unless the limit is below 40.
+    /// Largest number of SQP iterations of a solve. A solve that is stuck or reaches the limit is restarted once with
+    /// other options, unless the limit is below 40.
     #[schemars(range(min = 0, max = 1_000_000))]
     pub max_iterations: usize,
-    /// Limit of a job in wall-clock time, s, ranks included; by default none. It is checked before each factorisation.
+    /// Wall-clock time limit of a job, including ranks, s; none by default. It is checked before each factorisation.
     #[schemars(range(min = 0.0, max = 1e9))]
     pub time_limit_s: Option<f64>,
-    /// A job that is estimated to need more memory than this is not started, MB. Default 1000.
+    /// Memory limit of a job, MB; 1000 by default. A job is not started if its estimated memory is larger.
     #[schemars(range(min = 1.0, max = 1e9))]
-    #[serde(skip_serializing_if = "is_usual_memory")]
+    #[serde(skip_serializing_if = "is_default_memory")]
     pub memory_limit_mb: f64,
     /// `motion.time_scale`
     #[schemars(skip)]
@@ -275,17 +275,17 @@ pub struct Settings {
     pub warn: Limits,
 }
 
-/// The default is no part of a job's identity, which planar models would otherwise have to change.
-fn is_prescribed(girdle: &Girdle) -> bool {
+/// The default is not part of a job's identity; otherwise the ids of all planar jobs would change.
+fn is_default_girdle(girdle: &Girdle) -> bool {
     *girdle == Girdle::Prescribed
 }
 
-/// 1 GB a job: as many jobs as there are cores run side by side.
-const USUAL_MEMORY: f64 = 1000.0;
+/// 1 GB per job, because one job per core runs at the same time.
+const DEFAULT_MEMORY: f64 = 1000.0;
 
-/// No part of a job's identity either, since it changes no result.
-fn is_usual_memory(limit: &f64) -> bool {
-    *limit == USUAL_MEMORY
+/// The default is not part of a job's identity, because the limit does not change a result.
+fn is_default_memory(limit: &f64) -> bool {
+    *limit == DEFAULT_MEMORY
 }
 
 impl Default for Settings {
@@ -310,7 +310,7 @@ impl Default for Settings {
             trajectories: false,
             max_iterations: 300,
             time_limit_s: None,
-            memory_limit_mb: USUAL_MEMORY,
+            memory_limit_mb: DEFAULT_MEMORY,
             time_scale: 1.0,
             motion: Vec::new(),
             warn: Limits::default(),
@@ -318,10 +318,10 @@ impl Default for Settings {
     }
 }
 
-/// A mistyped h should not ask for all memory.
-const MOST_POINTS: usize = 100_001;
+/// Limit that prevents a mistyped h from exhausting the memory.
+const MAX_POINTS: usize = 100_001;
 
-/// What may be changed about a coordinate of the motion.
+/// Suffixes of the changes of a coordinate of the motion.
 const MOTION_ENDINGS: [&str; 4] = ["_offset_deg", "_offset_rad", "_offset_m", "_scale"];
 
 /// The names of plain settings, for messages.
@@ -349,14 +349,14 @@ pub const NAMES: &[&str] = &[
 ];
 
 impl Settings {
-    /// Sets a plain setting or one of `motion.…`; `coordinates` are the model's joint coordinates with whether each is
-    /// an angle.
+    /// Sets a plain setting, or one of `motion.…` or `warn.…`. `coordinates` are the joint coordinates of the model,
+    /// and whether each is an angle.
     ///
     /// # Errors
     /// A [`Complaint`] on an unknown name, a wrong type or a value out of range.
     pub fn set(&mut self, name: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), Complaint> {
         match name {
-            "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 on; the thesis uses 0.2")?,
+            "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 to 1e6; the thesis uses 0.2")?,
             "h" => self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?,
             "scheme" => self.scheme = choice(value, Scheme::ALL, Scheme::parse)?,
             "stages" => self.stages = integer(value, 1..=3)? as usize,
@@ -377,15 +377,16 @@ impl Settings {
             "trajectories" => {
                 self.trajectories = match value {
                     Value::Flag(flag) => *flag,
-                    other => return Err(Complaint::new(format!("found {}", describe(other)), "it is true or false")),
+                    other => {
+                        return Err(Complaint::new(format!("found {}", describe(other)), "it must be true or false"));
+                    }
                 };
             }
             "max_iterations" => self.max_iterations = integer(value, 0..=1_000_000)? as usize,
             "time_limit_s" => {
-                self.time_limit_s =
-                    Some(number(value, 0.0..=1e9, "a time in seconds; leave the key out for no limit")?);
+                self.time_limit_s = Some(number(value, 0.0..=1e9, "a time in seconds; omit the key for no limit")?);
             }
-            "memory_limit_mb" => self.memory_limit_mb = number(value, 1.0..=1e9, "MB, such as 4000")?,
+            "memory_limit_mb" => self.memory_limit_mb = number(value, 1.0..=1e9, "a size in MB, such as 4000")?,
             _ => match (name.strip_prefix("motion."), name.strip_prefix("warn.")) {
                 (Some(change), _) => self.set_motion(change, value, coordinates)?,
                 (_, Some(limit)) => self.set_limit(limit, value)?,
@@ -399,18 +400,18 @@ impl Settings {
         let limit = self.warn.named(name).ok_or_else(|| {
             let near = nearest(name, Limits::NAMES).map(|n| format!("did you mean `warn.{n}`? ")).unwrap_or_default();
             let known = Limits::NAMES.map(|name| format!("warn.{name}")).join(", ");
-            Complaint::new(format!("unknown limit `warn.{name}`"), format!("{near}limits of warnings are: {known}"))
+            Complaint::new(format!("unknown limit `warn.{name}`"), format!("{near}available limits: {known}"))
         })?;
         *limit = number(value, 0.0..=1e9, "a number from 0 to 1e9")?;
         Ok(())
     }
 
-    /// The value of a setting or of a change of the motion, as a study would write it; `None` for what is not set.
+    /// The value of a setting or of a change of the motion, as written in a study; `None` if it is not set.
     pub fn get(&self, name: &str) -> Option<Value> {
         if let Some(limit) = name.strip_prefix("warn.") {
             return self.warn.clone().named(limit).map(|limit| Value::Number(*limit));
         }
-        // Not written down where they have their default.
+        // These are not serialised if they have their default.
         match name {
             "girdle" => return Some(Value::Text(self.girdle.name().to_owned())),
             "memory_limit_mb" => return Some(Value::Number(self.memory_limit_mb)),
@@ -434,7 +435,7 @@ impl Settings {
         }))
     }
 
-    /// The same job in one way of writing: what its scheme does not look at, and what follows from the rest.
+    /// The same settings in a unique form: derived values are filled in, and settings that the scheme ignores reset.
     pub fn canonical(&self) -> Self {
         let mut same = self.clone();
         same.measurement_ratio = Some(self.measured_per_interval());
@@ -463,7 +464,7 @@ impl Settings {
         else {
             return Err(Complaint::new(
                 format!("unknown change `motion.{change}`"),
-                "motion takes time_scale, <coordinate>_offset_deg (or _rad, _m) and <coordinate>_scale",
+                "allowed are time_scale, <coordinate>_offset_deg (or _rad, _m) and <coordinate>_scale",
             ));
         };
         let Some((name, is_angle)) = coordinates.iter().find(|(name, _)| name == coordinate) else {
@@ -496,7 +497,7 @@ impl Settings {
             "_offset_deg" => self.motion[at].1 = number.to_radians(),
             _ => self.motion[at].1 = number,
         }
-        // One way to write each set of changes: it is part of a job's identity.
+        // A unique form of the changes, because they are part of a job's identity.
         self.motion.retain(|(_, offset, scale)| (*offset, *scale) != (0.0, 1.0));
         self.motion.sort_by(|a, b| a.0.cmp(&b.0));
         Ok(())
@@ -517,13 +518,17 @@ impl Settings {
                     "h = {} s does not divide the motion's duration of {duration} s into two or more intervals",
                     self.h
                 ),
-                format!("near values that do: {} s ({few} intervals), {} s ({many})", duration / few, duration / many),
+                format!(
+                    "the nearest values that do: {} s ({few} intervals), {} s ({many})",
+                    duration / few,
+                    duration / many
+                ),
             ));
         }
         let points = whole as usize + 1;
-        if points > MOST_POINTS {
+        if points > MAX_POINTS {
             return Err(Complaint::new(
-                format!("h = {} s gives {points} points; {MOST_POINTS} are the most", self.h),
+                format!("h = {} s gives {points} points; at most {MAX_POINTS} are allowed", self.h),
                 "choose a larger h",
             ));
         }
@@ -537,8 +542,9 @@ pub fn unknown(name: &str) -> Complaint {
     Complaint::new(
         format!("unknown setting `{name}`"),
         format!(
-            "{near}settings are: {}; numbers of the model go by path, such as muscle.<name>.tendon_slack_length or \
-             body.<name>.mass_scale; changes of the motion begin with motion., limits of warnings with warn.",
+            "{near}available settings: {}; parameters of the model are set by path, such as \
+             muscle.<name>.tendon_slack_length or body.<name>.mass_scale; changes of the motion begin with motion., \
+             limits of warnings with warn.",
             NAMES.join(", ")
         ),
     )
@@ -546,7 +552,7 @@ pub fn unknown(name: &str) -> Complaint {
 
 pub fn describe(value: &Value) -> String {
     match value {
-        Value::Flag(flag) => format!("{flag}, true or false"),
+        Value::Flag(flag) => format!("the value {flag}"),
         Value::Integer(number) => format!("the whole number {number}"),
         Value::Number(number) => format!("the number {number}"),
         Value::Text(text) => format!("the text \"{text}\""),
@@ -573,7 +579,7 @@ fn integer(value: &Value, range: std::ops::RangeInclusive<i64>) -> Result<i64, C
 fn choice<T>(value: &Value, allowed: &[&str], parse: impl Fn(&str) -> Option<T>) -> Result<T, Complaint> {
     let help = |found: &str| {
         let near = nearest(found, allowed.iter().copied()).map(|n| format!("did you mean \"{n}\"? "));
-        format!("{}it is one of: {}", near.unwrap_or_default(), allowed.join(", "))
+        format!("{}it must be one of: {}", near.unwrap_or_default(), allowed.join(", "))
     };
     match value {
         Value::Text(text) => parse(text).ok_or_else(|| Complaint::new(format!("found \"{text}\""), help(text))),

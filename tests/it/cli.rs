@@ -55,7 +55,7 @@ fn the_main_job_prints_table_1() {
     let shown = text(&run.stdout);
     assert!(shown.contains("12 converged"));
     assert!(shown.contains("at the measured instants") && shown.contains("[Aᵀ Jᵀ]  −1 (−1)"));
-    assert!(shown.contains("12 of the thesis' 12 numbers come out as counted, 12 as predicted"), "{shown}");
+    assert!(shown.contains("12 of the thesis' 12 numbers agree as counted, 12 as predicted"), "{shown}");
 }
 
 #[test]

@@ -212,9 +212,9 @@ fn plan_says_why_each_job_would_run() {
     assert!(plan().contains("6 done by another solver") && plan().contains("solver 0.0.1+old"), "{}", plan());
     let run = sinew(&["run", "study.toml"], at);
     assert!(text(&run.stderr).contains("results of 6 jobs are from solver 0.0.1+old"), "{}", text(&run.stderr));
-    assert!(text(&run.stdout).contains("(6 of them earlier)"));
+    assert!(text(&run.stdout).contains("6 of them from an earlier run"));
     let run = sinew(&["run", "study.toml", "--outdated"], at);
-    assert!(!text(&run.stdout).contains("of them earlier"), "{}", text(&run.stdout));
+    assert!(!text(&run.stdout).contains("from an earlier run"), "{}", text(&run.stdout));
     assert!(plan().contains("6 done\n"), "{}", plan());
 }
 

@@ -59,7 +59,7 @@ same() { "$sinew" compare "$dir/cluster" "$dir/local" --tolerance '*=exact' > "$
 
 echo "submit 20 shards; an array has 9"
 "$sinew" slurm "$dir/study.toml" --out "$dir/cluster" --shards 20 --submit | tee "$dir/submit.txt"
-grep -q '^submitted 9 shard(s) (0-8)' "$dir/submit.txt" || fail "the array is not as large as it may be"
+grep -q '^submitted 9 shards (0-8)' "$dir/submit.txt" || fail "the array is not as large as it may be"
 
 for _ in $(seq 1200); do
   [ "$(finished)" -ge 8 ] && break
@@ -72,18 +72,18 @@ echo "node n2 lost with $at of 72 jobs finished"
 until_done
 timeout 10 scontrol show job > "$dir/jobs.txt"
 grep -q 'Restarts=1' "$dir/jobs.txt" || fail "no element was started again"
-grep -q '72 of 72 job(s) finished' "$dir/cluster/slurm/log/merge.log" || fail "the merge did not see all jobs"
+grep -q '72 of 72 jobs finished' "$dir/cluster/slurm/log/merge.log" || fail "the merge did not see all jobs"
 same
 echo "node lost, elements started again, merged: the same tables"
 
 echo "two shards' results go; only they are submitted again"
 rm "$dir"/cluster/finished.3-of-9*.jsonl "$dir"/cluster/finished.7-of-9*.jsonl "$dir"/cluster/*.parquet
 "$sinew" merge "$dir/cluster" > "$dir/merge.txt" && fail "a merge of less than all said nothing"
-grep -q '16 job(s) are missing' "$dir/merge.txt" || fail "the merge does not say what is missing"
+grep -q '16 jobs are missing' "$dir/merge.txt" || fail "the merge does not say what is missing"
 "$sinew" slurm "$dir/study.toml" --out "$dir/cluster" --submit | tee "$dir/submit.txt"
-grep -q '^submitted 2 shard(s) (3,7)' "$dir/submit.txt" || fail "other shards than those with something missing"
+grep -q '^submitted 2 shards (3,7)' "$dir/submit.txt" || fail "other shards than those with something missing"
 until_done
 same
 "$sinew" slurm "$dir/study.toml" --out "$dir/cluster" --submit > "$dir/submit.txt"
-grep -q 'nothing is missing' "$dir/submit.txt" || fail "submitted for nothing"
+grep -q 'no jobs are missing' "$dir/submit.txt" || fail "submitted for nothing"
 echo "the Slurm test passed"

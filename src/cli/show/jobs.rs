@@ -1,4 +1,4 @@
-//! The jobs, a line each, and what is not determined in them.
+//! The jobs, one line each, and what is not determined in them.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -7,9 +7,9 @@ use super::{Extent, Results};
 use crate::cli::layout::{NOTHING_THERE, Sheet, folded, of_status, of_warning, wrapped};
 use crate::terminal::{heading, print as say, width};
 
-/// Swept values that would take more than this share of the line are told by their differences.
+/// Swept values that need more than 1/SHARE of the line are replaced by their differences.
 const SHARE: usize = 2;
-/// Characters of a line of differences.
+/// Width of the column of differences, in characters.
 const DIFFERENCES: usize = 34;
 
 pub fn print(results: &Results, extent: Extent) {
@@ -60,15 +60,15 @@ pub fn print(results: &Results, extent: Extent) {
         let starts = if starts == 1 { "one start".to_owned() } else { format!("{starts} starts") };
         say(&wrapped(
             &format!(
-                "unique: `answer` (everything), `loads` (only who carries what), or `no`. The verdict holds for the optimum \
-                 found from {starts}; there may be others."
+                "unique: `answer` (everything is determined), `loads` (only the muscle loads), or `no`. The verdict \
+                 holds for the optimum found from {starts}; there may be others."
             ),
             "",
         ));
     }
 }
 
-/// Swept values: a column each where there is room, else what differs from the most common values.
+/// Adds the swept values: one column each if there is room, otherwise the differences from the most common values.
 fn add_swept(sheet: &mut Sheet, results: &Results, extent: Extent) {
     let (same, varied): (Vec<&String>, Vec<&String>) =
         results.axes.iter().partition(|axis| extent.jobs > 1 && is_same(results, axis, extent.jobs));
@@ -84,7 +84,7 @@ fn add_swept(sheet: &mut Sheet, results: &Results, extent: Extent) {
     }
     let common: HashMap<&str, String> = varied.iter().map(|axis| (axis.as_str(), most_common(cells(axis)))).collect();
     let usual: Vec<String> = varied.iter().map(|axis| format!("{axis} = {}", common[axis.as_str()])).collect();
-    say(&wrapped(&format!("Unless said: {}", usual.join(", ")), "  "));
+    say(&wrapped(&format!("Unless stated otherwise: {}", usual.join(", ")), "  "));
     let differences = |row: usize| {
         let differing = varied.iter().filter(|axis| results.swept(axis, row) != common[axis.as_str()]);
         let text: Vec<String> = differing.map(|axis| format!("{axis} = {}", results.swept(axis, row))).collect();
@@ -114,7 +114,7 @@ fn verdict(results: &Results, rank: Option<usize>) -> String {
     .to_owned()
 }
 
-/// A number of many digits, shortened for a table; whole numbers stay as they are.
+/// Shortens a number with many digits for a table. Integers and other texts are unchanged.
 pub fn short(text: &str) -> String {
     match text.parse::<f64>() {
         Ok(number) if text.len() > 9 && text.contains(['.', 'e']) => match number.abs() {
@@ -125,10 +125,10 @@ pub fn short(text: &str) -> String {
     }
 }
 
-/// Answers that are not unique, as many as are shown unless all are asked for.
+/// Number of jobs with non-unique answers shown without `--all`.
 const FREEDOMS: usize = 6;
 
-/// What is free in the answers that are not unique, and how far the mean activations may move.
+/// Prints what is free in answers that are not unique, and the range of the mean activations.
 pub fn print_freedoms(results: &Results, extent: Extent) {
     let (regularity, muscles) = (&results.regularity, &results.muscles);
     let mut by_job: BTreeMap<&str, (String, Vec<String>)> = BTreeMap::new();
@@ -156,10 +156,10 @@ pub fn print_freedoms(results: &Results, extent: Extent) {
     say(&heading("Not determined (share of the null space of [A; J])"));
     let shown = if extent.all { free.len() } else { FREEDOMS.min(free.len()) };
     for &row in &free[..shown] {
-        let (words, intervals) = &by_job[results.jobs.text("job_id", row).expect("it is in the table")];
+        let (words, intervals) = &by_job[results.jobs.text("job_id", row).expect("the job has an id")];
         say(&wrapped(&format!("job {}: {words}", results.index(row)), "    "));
         if !intervals.is_empty() {
-            let text = format!("    mean activation, equally good to first order: {}", intervals.join(", "));
+            let text = format!("    mean activations that are equally good to first order: {}", intervals.join(", "));
             say(&wrapped(&text, "      "));
         }
     }

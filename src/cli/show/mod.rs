@@ -1,4 +1,4 @@
-//! `sinew show`: the tables of a results folder in the terminal, from the Parquet files alone.
+//! `sinew show`: prints the tables of a results folder, using only the Parquet files.
 
 pub mod jobs;
 mod muscles;
@@ -19,16 +19,17 @@ use crate::table1::groups;
 use crate::tables::{self, Table, schema};
 use crate::terminal::heading;
 
-/// Jobs shown unless all are asked for.
+/// Number of jobs shown without `--all`.
 const FIRST: usize = 24;
 
 /// How much to show.
 #[derive(Clone, Copy)]
 pub struct Extent {
-    /// The first so many jobs.
+    /// Number of jobs, from the first.
     pub jobs: usize,
-    /// Every job, and every column.
+    /// All failures, rank tables and non-unique answers.
     pub all: bool,
+    /// All columns.
     pub wide: bool,
 }
 
@@ -37,9 +38,9 @@ pub struct Results {
     pub jobs: Table,
     pub regularity: Table,
     pub muscles: Table,
-    /// Where the study declares some.
+    /// Present if the study declares load ratios.
     pub ratios: Option<Table>,
-    /// Names of what is swept.
+    /// Names of the swept parameters.
     pub axes: Vec<String>,
     manifest: Manifest,
 }
@@ -59,12 +60,12 @@ impl Results {
         Ok(Self { axes, jobs, regularity: read("regularity")?, muscles: read("muscles")?, ratios, manifest })
     }
 
-    /// A job's text of a swept value, short enough for a table.
+    /// A swept value of a job as text, shortened for a table.
     pub fn swept(&self, axis: &str, row: usize) -> String {
         jobs::short(&self.jobs.display(axis, row).unwrap_or_default())
     }
 
-    /// A job's value of a setting that is a word, swept or not.
+    /// A job's value of a text setting, swept or not.
     pub fn setting(&self, name: &str, row: usize) -> String {
         let base = || self.manifest.base.get(name).and_then(|value| value.as_str()).unwrap_or_default().to_owned();
         self.jobs.display(name, row).unwrap_or_else(base)
@@ -78,18 +79,18 @@ impl Results {
 
 fn manifest(dir: &Path) -> Result<Manifest> {
     let Some(manifest) = Manifest::read(dir)? else {
-        let reason = "it has no manifest.json, so it is not a results folder; `sinew run STUDY` makes one";
+        let reason = "it has no manifest.json, so it is not a results folder; `sinew run STUDY` creates one";
         return Err(Error::table("show", dir, reason));
     };
     if !folder::table(dir, "jobs").exists() {
-        let reason = "its run has not ended, so there are no tables yet; `sinew status` says how far it is, `sinew merge` \
-                      makes tables of what is finished";
+        let reason = "its run has not ended, so there are no tables yet; `sinew status` shows its progress, \
+                      `sinew merge` writes tables of the finished jobs";
         return Err(Error::table("show", dir, reason));
     }
     Ok(manifest)
 }
 
-/// Prints one table for programs, or all of them for people.
+/// Prints one table in the requested format, or an overview of all tables.
 pub fn show(dir: &Path, all: bool, table: Option<&str>, look: Look) -> Result<u8> {
     if look.format == Format::Table && table.is_none() {
         print_all(dir, all, look.wide)?;
@@ -100,7 +101,7 @@ pub fn show(dir: &Path, all: bool, table: Option<&str>, look: Look) -> Result<u8
     let known = || schema::TABLES.into_iter();
     let Some(name) = known().find(|name| *name == wanted) else {
         let near = nearest(wanted, known()).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-        let reason = format!("there is no table `{wanted}`; {near}tables: {}", schema::TABLES.join(", "));
+        let reason = format!("there is no table `{wanted}`; {near}available tables: {}", schema::TABLES.join(", "));
         return Err(Error::table("show", dir, reason));
     };
     manifest(dir)?;
@@ -108,7 +109,7 @@ pub fn show(dir: &Path, all: bool, table: Option<&str>, look: Look) -> Result<u8
     Ok(GOOD)
 }
 
-/// Prints what a user looks at first: failures, warnings, ranks, jobs, muscles.
+/// Prints the overview: failures, warnings, ranks, jobs, muscles.
 pub fn print_all(dir: &Path, all: bool, wide: bool) -> Result<()> {
     let results = Results::read(dir)?;
     let count = results.jobs.rows();
@@ -127,11 +128,11 @@ pub fn print_all(dir: &Path, all: bool, wide: bool) -> Result<()> {
     Ok(())
 }
 
-/// Where to look next; the folder in the last line.
+/// Prints which commands to use next, and the results folder in the last line.
 fn next_steps(dir: &Path) {
     let folder = dir.display();
     print(&format!("\n{}", heading("Next")));
     print(&format!("  sinew report {folder}      a page of figures: loads, ranks, functions of time"));
-    print("  sinew describe             what each table and column means");
+    print("  sinew describe             explanations of all tables and columns");
     print(&format!("Results: {folder}"));
 }

@@ -1,4 +1,4 @@
-//! Muscle forces and load ratios, a line a job.
+//! Muscle forces and load ratios, one line per job.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -6,12 +6,12 @@ use super::{Extent, Results};
 use crate::cli::layout::{NOTHING_THERE, Sheet};
 use crate::terminal::{heading, print as say};
 
-/// A muscle without activation that carries more than this in the mean is passive, not idle, N.
-const CARRIES: f64 = 1.0;
-/// Muscles shown unless all columns are asked for: those that carry most.
+/// A muscle without activation counts as idle only if its mean force is below this, N; otherwise it is passive.
+const MAX_IDLE_FORCE: f64 = 1.0;
+/// Number of muscles shown without `--wide`: those with the largest mean forces.
 const TOP: usize = 6;
 
-/// The mean force of the muscles that carry most; `idle` where one does nothing.
+/// Prints mean and peak forces of the muscles that carry most; `idle` for idle muscles.
 pub fn print_forces(results: &Results, extent: Extent) {
     let muscles = &results.muscles;
     let mut by_job: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
@@ -38,7 +38,7 @@ pub fn print_forces(results: &Results, extent: Extent) {
         let Some(at) = row_of(row, name) else { return NOTHING_THERE.to_owned() };
         let number = |column: &str| muscles.number(column, at).unwrap_or(f64::NAN);
         match muscles.flag("idle", at) {
-            Some(true) if number("mean_force_n") < CARRIES => "idle".to_owned(),
+            Some(true) if number("mean_force_n") < MAX_IDLE_FORCE => "idle".to_owned(),
             _ => format!("{:.1}/{:.1}", number("mean_force_n"), number("peak_force_n")),
         }
     };
@@ -58,7 +58,7 @@ pub fn print_forces(results: &Results, extent: Extent) {
     sheet.print(extent.wide);
 }
 
-/// Declared load ratios.
+/// Prints the declared load ratios.
 pub fn print_ratios(results: &Results, extent: Extent) {
     let Some(ratios) = &results.ratios else { return };
     let mut names: Vec<(&str, &str)> = Vec::new();

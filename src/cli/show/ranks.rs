@@ -5,22 +5,22 @@ use crate::cli::layout::{NOTHING_THERE, Sheet, wrapped};
 use crate::table1::{Cell, Group, thesis};
 use crate::terminal::{heading, print as say};
 
-/// Tables shown unless all are asked for.
+/// Number of tables shown without `--all`.
 const FIRST: usize = 4;
 const BOUNDS: [(&str, &str); 3] = [("activation", "a ≥ 0"), ("excitation", "u ≥ 0"), ("both", "u, a ≥ 0")];
 const GRIDS: [(&str, &str); 2] =
     [("measurement", "load sharing at the measured instants"), ("collocation", "… at the collocation points")];
 
-/// Prints the groups that have all six cases; the ranks of others stand beside their jobs.
+/// Prints the groups that have all six cases. The ranks of other groups are shown with their jobs.
 pub fn print(results: &Results, groups: &[Group], extent: Extent) {
     let whole: Vec<&Group> = groups.iter().filter(|group| group.cells.len() >= 6).collect();
     let shown = if extent.all { whole.len() } else { FIRST.min(whole.len()) };
     for group in whole.iter().take(shown) {
-        // What is the same in all tables is said once, above the jobs.
+        // Values shared by all tables are printed once, above the jobs.
         let differs = |other: &&(String, String)| whole.iter().any(|group| !group.others.contains(other));
         let others: Vec<String> =
             group.others.iter().filter(differs).map(|(name, value)| format!("{name} = {value}")).collect();
-        // The thesis' numbers are those of its own scheme.
+        // The thesis' numbers apply only to its own scheme.
         let is_thesis = group.cells.values().all(|cell| results.setting("scheme", cell.job) == "midpoint");
         print_group(group, &others.join(", "), is_thesis);
     }
@@ -35,7 +35,7 @@ pub fn printed(deficiency: i64) -> String {
 }
 
 fn print_group(group: &Group, others: &str, is_thesis: bool) {
-    let title = if is_thesis { ", the thesis' Table 1 in brackets" } else { "" };
+    let title = if is_thesis { ", with the thesis' Table 1 in brackets" } else { "" };
     let others = if others.is_empty() { String::new() } else { format!(": {others}") };
     say("");
     say(&heading(&wrapped(&format!("Rank deficiencies{title}{others}"), "  ")));
@@ -57,14 +57,15 @@ fn print_group(group: &Group, others: &str, is_thesis: bool) {
     if is_thesis {
         let (counted, predicted) = (group.matches(), group.predicted_matches());
         let text = format!(
-            "{counted} of the thesis' 12 numbers come out as counted, {predicted} as predicted from the active bounds."
+            "{counted} of the thesis' 12 numbers agree as counted, {predicted} as predicted from the active bounds."
         );
         say(&wrapped(&text, ""));
     }
     if group.ambiguous() > 0 {
         say(&wrapped(
             &format!(
-                "In {} of {} cases the singular values have no clear gap: the count depends on the tolerance (`ambiguous`).",
+                "In {} of {} cases the singular values have no clear gap: the count depends on the tolerance \
+                 (`ambiguous`).",
                 group.ambiguous(),
                 group.cells.len()
             ),
@@ -73,7 +74,7 @@ fn print_group(group: &Group, others: &str, is_thesis: bool) {
     }
 }
 
-/// The number found, the thesis' in brackets, and the predicted one where it differs.
+/// The counted number, the thesis' in brackets, and the predicted one where it differs.
 fn shown(cell: &Cell, thesis: Option<i64>, pick: fn((i64, i64)) -> i64) -> String {
     let found = match cell.deficiencies {
         Some(found) if cell.status == "converged" => printed(pick(found)),

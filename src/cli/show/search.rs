@@ -1,4 +1,4 @@
-//! What a search over sampled models found: how many of the numbers of Table 1 come out.
+//! Results of a search over sampled models: how many numbers of Table 1 each model reproduces.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use crate::cli::layout::{NOTHING_THERE, Sheet, wrapped};
 use crate::table1::{Group, THESIS};
 use crate::terminal::{heading, print as say};
 
-/// Models listed, the best first.
+/// Number of models listed, best first.
 const BEST: usize = 5;
 
 pub fn print(groups: &[Group]) {
@@ -16,7 +16,7 @@ pub fn print(groups: &[Group]) {
     let mut best: Vec<&Group> = groups.iter().collect();
     best.sort_by_key(|group| std::cmp::Reverse(group.matches()));
     say("");
-    say(&heading("The best, by case"));
+    say(&heading("Best models, by case"));
     best.iter().take(BEST).for_each(|group| print_model(group));
 }
 
@@ -24,7 +24,7 @@ fn print_histogram(groups: &[Group]) {
     let mut histogram = BTreeMap::<usize, usize>::new();
     groups.iter().for_each(|group| *histogram.entry(group.matches()).or_default() += 1);
     say("");
-    say(&heading(&format!("{} sampled models, by how many of the 12 numbers of Table 1 come out", groups.len())));
+    say(&heading(&format!("{} sampled models, by how many of the 12 numbers of Table 1 they reproduce", groups.len())));
     let (matches, counts): (Vec<_>, Vec<_>) =
         histogram.iter().rev().map(|(matches, count)| (matches.to_string(), count.to_string())).unzip();
     let mut sheet = Sheet::default();
@@ -32,7 +32,7 @@ fn print_histogram(groups: &[Group]) {
     sheet.print(true);
 }
 
-/// How common the thesis' numbers of each case are over the converged jobs.
+/// For each case, how often the converged jobs reproduce the thesis' numbers.
 fn print_cases(groups: &[Group]) {
     let mut columns: [Vec<String>; 8] = Default::default();
     for (grid, bounds, a, aj) in THESIS {
@@ -63,7 +63,7 @@ fn print_cases(groups: &[Group]) {
         columns.iter_mut().zip(cells).for_each(|(column, cell)| column.push(cell));
     }
     say("");
-    say(&heading("How common the thesis' numbers are among converged jobs"));
+    say(&heading("How often converged jobs reproduce the thesis' numbers"));
     let [case, converged, a, share_a, aj, share_aj, both, top] = columns;
     let mut sheet = Sheet::default();
     sheet.text("case", 0, case).number("converged", 2, converged).number("A", 0, a).number("share", 0, share_a);

@@ -1,4 +1,4 @@
-//! What comes first: how many jobs there are, which failed and why, and the warnings.
+//! The summary: number of jobs, failures with their reasons, and warnings.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,10 +9,10 @@ use crate::names::counted;
 use crate::plausibility::KINDS;
 use crate::terminal::{heading, print as say, warning};
 
-/// Failed jobs named unless all are asked for.
+/// Number of failed jobs listed without `--all`.
 const FAILURES: usize = 5;
-/// Jobs named beside a warning.
-const NAMED: usize = 8;
+/// Number of jobs listed with a warning.
+const LISTED: usize = 8;
 
 pub fn print(results: &Results, dir: &Path, extent: Extent) {
     let jobs = &results.jobs;
@@ -26,7 +26,7 @@ pub fn print(results: &Results, dir: &Path, extent: Extent) {
     warnings(results, dir);
 }
 
-/// Failed jobs with their reasons.
+/// Prints failed jobs with their reasons.
 fn failures(results: &Results, extent: Extent) {
     let jobs = &results.jobs;
     let failed: Vec<usize> = (0..jobs.rows()).filter(|&row| jobs.text("error", row).is_some()).collect();
@@ -40,7 +40,7 @@ fn failures(results: &Results, extent: Extent) {
     }
 }
 
-/// How many jobs have warnings; of each kind which jobs, what it means, and what to do.
+/// Prints the number of jobs with warnings, and for each kind the jobs, the limit and the remedy.
 fn warnings(results: &Results, dir: &Path) {
     let jobs = &results.jobs;
     let mut by_code: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
@@ -55,17 +55,17 @@ fn warnings(results: &Results, dir: &Path) {
     }
     say(&warning(&format!("Warnings in {total} of {} jobs", jobs.rows())));
     for (code, rows) in by_code {
-        let mut named: Vec<String> = rows.iter().take(NAMED).map(|&row| results.index(row)).collect();
-        if rows.len() > NAMED {
-            named.push("…".to_owned());
+        let mut listed: Vec<String> = rows.iter().take(LISTED).map(|&row| results.index(row)).collect();
+        if rows.len() > LISTED {
+            listed.push("…".to_owned());
         }
         let kind = KINDS.iter().find(|kind| kind.code == code);
         let (limit, remedy) = kind.map_or(("", ""), |kind| (kind.limit, kind.remedy));
-        say(&wrapped(&format!("  {code}: {} ({}); {limit}", counted(rows.len(), "job"), named.join(", ")), "      "));
+        say(&wrapped(&format!("  {code}: {} ({}); {limit}", counted(rows.len(), "job"), listed.join(", ")), "      "));
         say(&wrapped(&format!("    → {remedy}"), "      "));
     }
     let file = dir.join("jobs.parquet");
-    print_wrapped(&format!("  Column `remark` of {} says what was found in each job.", file.display()));
+    print_wrapped(&format!("  The column `remark` of {} has the details for each job.", file.display()));
 }
 
 fn print_wrapped(text: &str) {
