@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Instant as Clock;
 
 use sinew::deadline::Deadline;
-use sinew::guess::start_guess;
+use sinew::guess::initial_guess;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::kkt::{Kkt, KktValues, Rows};
 use sinew::nlp::problem::{Curvature, Problem};
@@ -64,7 +64,7 @@ fn cost(study: &Study, job: &Job) -> Option<Cost> {
     let (instant, scheme) = discretise(&model, settings, points, study.motion.duration() * settings.time_scale);
     let instant = instant.within(Arc::new(motion.surroundings(&study.motion, &model)));
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
-    let guess = start_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default())?;
+    let guess = initial_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default())?;
     let guess = disturb(&guess, scheme.as_ref(), &model, settings.seed, settings.first_start);
 
     let mut kkt = Kkt::new(&problem);

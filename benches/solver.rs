@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use divan::{Bencher, black_box};
 use sinew::deadline::Deadline;
-use sinew::guess::start_guess;
+use sinew::guess::initial_guess;
 use sinew::motion::Measurement;
 use sinew::nlp::active_set;
 use sinew::nlp::iterate::Iterate;
@@ -53,7 +53,7 @@ fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, In
 fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
     with_job(points, |_, settings, measurement, instant, scheme| {
         let problem = transcribe(&instant, scheme, measurement, settings);
-        then(&problem, start_guess(&problem.instant, scheme, points, measurement, Deadline::default()).unwrap());
+        then(&problem, initial_guess(&problem.instant, scheme, points, measurement, Deadline::default()).unwrap());
     });
 }
 
@@ -163,7 +163,7 @@ fn symbolic(bencher: Bencher, points: usize) {
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn guess(bencher: Bencher, points: usize) {
     with_job(points, |_, _, measurement, instant, scheme| {
-        bencher.bench_local(|| start_guess(&instant, scheme, points, measurement, Deadline::default()));
+        bencher.bench_local(|| initial_guess(&instant, scheme, points, measurement, Deadline::default()));
     });
 }
 

@@ -101,7 +101,7 @@ impl Optimum {
 }
 
 /// The problem that a job has solved.
-pub struct Context<'c> {
+pub struct SolvedProblem<'c> {
     pub problem: &'c Collocation<'c>,
     pub scheme: &'c dyn Discretisation,
     pub measurement: &'c Measurement,
@@ -110,8 +110,8 @@ pub struct Context<'c> {
 }
 
 /// The result rows of a job from its runs.
-pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
-    let Context { problem, scheme, measurement, settings, deadline } = *context;
+pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
+    let SolvedProblem { problem, scheme, measurement, settings, deadline } = *context;
     let run = &runs.best;
     let converged = run.status == SqpStatus::Converged;
     // Ranks are computed at the polished point. It also serves as the solution if its KKT error is within the target or
@@ -164,13 +164,13 @@ pub fn analyse(context: &Context<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
 /// Adds ranks and, if the run has converged, the intervals of mean activations and the verdicts on uniqueness.
 fn add_ranks(
     outcome: &mut Outcome,
-    context: &Context<'_>,
+    context: &SolvedProblem<'_>,
     counter: &mut RankCounter,
     solution: &Solution<'_>,
     ranked_at: &Iterate,
     converged: bool,
 ) {
-    let Context { problem, scheme, measurement, settings, deadline } = *context;
+    let SolvedProblem { problem, scheme, measurement, settings, deadline } = *context;
     let setting = prediction_setting(problem.instant.model, scheme, measurement, settings);
     let Some((row, spectrum, null_directions)) = regularity_rows(counter, problem, ranked_at, &setting) else {
         return;
@@ -206,8 +206,8 @@ fn withdraw(outcome: &mut Outcome) {
 }
 
 /// Adds sensitivities (if ranks are requested) and discretisation errors.
-fn add_changes(outcome: &mut Outcome, context: &Context<'_>, kkt: &mut Kkt, solution: &Solution<'_>) {
-    let Context { problem, measurement, settings, .. } = *context;
+fn add_changes(outcome: &mut Outcome, context: &SolvedProblem<'_>, kkt: &mut Kkt, solution: &Solution<'_>) {
+    let SolvedProblem { problem, measurement, settings, .. } = *context;
     let Some(mut linearised) = Linearised::new(kkt, problem, solution.iterate) else { return };
     if settings.regularity != RegularityMode::Off {
         let tracking = measurement.times.len() * problem.instant.model.coordinates();

@@ -10,9 +10,9 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, SourceFile};
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::names::counted;
-use crate::run::folder::claim;
+use crate::run::folder::check_ownership;
 use crate::run::manifest::Manifest;
 use crate::study::sweep::SAMPLE;
 use crate::tables::{self, Table, Values, schema};
@@ -205,7 +205,7 @@ impl std::fmt::Display for Change {
 /// The result of the comparison for a job.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "class", rename_all = "snake_case")]
-pub enum Verdict {
+pub enum JobComparison {
     Unchanged,
     Changed {
         cells: Vec<Change>,
@@ -225,9 +225,9 @@ pub enum Verdict {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     /// The jobs of both sides: those of the baseline in their order, then new ones.
-    pub jobs: Vec<(JobName, Verdict)>,
+    pub jobs: Vec<(JobName, JobComparison)>,
     /// Tables and columns of the baseline that no longer exist, which also counts as drift.
-    pub gone: Vec<String>,
+    pub removed: Vec<String>,
     /// Notes that do not affect the verdicts.
     pub warnings: Vec<String>,
 }
@@ -239,14 +239,14 @@ impl Comparison {
             ["unchanged", "changed", "new", "missing", "newly_failed", "changed_cells"].map(|class| (class, 0)).into();
         for (_, verdict) in &self.jobs {
             let class = match verdict {
-                Verdict::Unchanged => "unchanged",
-                Verdict::Changed { cells } => {
+                JobComparison::Unchanged => "unchanged",
+                JobComparison::Changed { cells } => {
                     *counts.entry("changed_cells").or_default() += cells.len();
                     "changed"
                 }
-                Verdict::New => "new",
-                Verdict::Missing => "missing",
-                Verdict::NewlyFailed { .. } => "newly_failed",
+                JobComparison::New => "new",
+                JobComparison::Missing => "missing",
+                JobComparison::NewlyFailed { .. } => "newly_failed",
             };
             *counts.entry(class).or_default() += 1;
         }
@@ -255,13 +255,13 @@ impl Comparison {
 
     /// Whether anything differs from the baseline.
     pub fn drifted(&self) -> bool {
-        !self.gone.is_empty() || self.jobs.iter().any(|(_, verdict)| *verdict != Verdict::Unchanged)
+        !self.removed.is_empty() || self.jobs.iter().any(|(_, verdict)| *verdict != JobComparison::Unchanged)
     }
 
     /// The comparison as JSON, without the unchanged jobs.
     pub fn json(&self) -> serde_json::Value {
         let jobs: Vec<serde_json::Value> = (self.jobs.iter())
-            .filter(|(_, verdict)| *verdict != Verdict::Unchanged)
+            .filter(|(_, verdict)| *verdict != JobComparison::Unchanged)
             .map(|(name, verdict)| {
                 let mut job = serde_json::to_value(name).expect("plain data");
                 let verdict = serde_json::to_value(verdict).expect("plain data");
@@ -275,7 +275,7 @@ impl Comparison {
             "drift": self.drifted(),
             "counts": self.counts(),
             "jobs": jobs,
-            "gone": self.gone,
+            "removed": self.removed,
             "warnings": self.warnings,
         })
     }
@@ -297,10 +297,10 @@ impl Comparison {
             case.set_classname(suite);
             tests.add_test_case(case);
         }
-        for gone in &self.gone {
+        for removed in &self.removed {
             let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
             status.set_message("in the baseline only");
-            tests.add_test_case(TestCase::new(gone.clone(), status));
+            tests.add_test_case(TestCase::new(removed.clone(), status));
         }
         let mut report = Report::new("sinew compare");
         report.add_test_suite(tests);
@@ -309,24 +309,26 @@ impl Comparison {
 }
 
 /// A headline, and a line for each difference; `None` if the job is unchanged.
-pub fn verdict_text(verdict: &Verdict) -> Option<(String, Vec<String>)> {
+pub fn verdict_text(verdict: &JobComparison) -> Option<(String, Vec<String>)> {
     Some(match verdict {
-        Verdict::Unchanged => return None,
-        Verdict::Changed { cells } => {
+        JobComparison::Unchanged => return None,
+        JobComparison::Changed { cells } => {
             (format!("changed in {}", counted(cells.len(), "value")), cells.iter().map(ToString::to_string).collect())
         }
-        Verdict::New => ("new: not in the baseline".to_owned(), Vec::new()),
-        Verdict::Missing => ("missing: in the baseline only".to_owned(), Vec::new()),
-        Verdict::NewlyFailed { status, error } => (format!("newly failed: {status}"), error.iter().cloned().collect()),
+        JobComparison::New => ("new: not in the baseline".to_owned(), Vec::new()),
+        JobComparison::Missing => ("missing: in the baseline only".to_owned(), Vec::new()),
+        JobComparison::NewlyFailed { status, error } => {
+            (format!("newly failed: {status}"), error.iter().cloned().collect())
+        }
     })
 }
 
 /// The tables of a folder that both sides have.
-struct Side {
+struct ComparedFolder {
     tables: BTreeMap<&'static str, Table>,
 }
 
-impl Side {
+impl ComparedFolder {
     fn read(folder: &Path, names: &[&'static str]) -> Result<Self> {
         let table = |name: &&'static str| Ok((*name, tables::read(name, &folder.join(format!("{name}.parquet")))?));
         Ok(Self { tables: names.iter().map(table).collect::<Result<_>>()? })
@@ -366,15 +368,15 @@ pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Resul
     let mut warnings = warnings(folder, baseline);
     let old: Vec<&'static str> = schema::TABLES.into_iter().filter(|name| there(baseline, name)).collect();
     let (names, lost): (Vec<&'static str>, Vec<&'static str>) = old.into_iter().partition(|name| there(folder, name));
-    let mut gone: Vec<String> = lost.into_iter().map(|name| format!("the table {name}")).collect();
-    let (now, then) = (Side::read(folder, &names)?, Side::read(baseline, &names)?);
+    let mut removed: Vec<String> = lost.into_iter().map(|name| format!("the table {name}")).collect();
+    let (now, then) = (ComparedFolder::read(folder, &names)?, ComparedFolder::read(baseline, &names)?);
     if let Some(unknown) = tolerances.unknown(&then.tables) {
         let reason = format!("there is a tolerance for `{unknown}`, but no table of the baseline has such a column");
         return Err(Error::table("compare with", baseline, reason));
     }
-    let mut cells = changes(&now, &then, tolerances, &mut gone, &mut warnings);
+    let mut cells = changes(&now, &then, tolerances, &mut removed, &mut warnings);
 
-    let place = |side: &Side| -> HashMap<String, usize> {
+    let place = |side: &ComparedFolder| -> HashMap<String, usize> {
         (0..side.jobs().rows()).filter_map(|row| Some((side.jobs().text("job_id", row)?.to_owned(), row))).collect()
     };
     let (now_at, then_at) = (place(&now), place(&then));
@@ -382,16 +384,17 @@ pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Resul
     for row in 0..then.jobs().rows() {
         let name = then.name(row);
         let verdict = match now_at.get(&name.job_id) {
-            None => Verdict::Missing,
+            None => JobComparison::Missing,
             Some(&at) => {
-                let status = |side: &Side, row| side.jobs().text("status", row).unwrap_or_default().to_owned();
+                let status =
+                    |side: &ComparedFolder, row| side.jobs().text("status", row).unwrap_or_default().to_owned();
                 let (was, is) = (status(&then, row), status(&now, at));
                 if was == "converged" && is != "converged" {
-                    Verdict::NewlyFailed { status: is, error: now.jobs().text("error", at).map(str::to_owned) }
+                    JobComparison::NewlyFailed { status: is, error: now.jobs().text("error", at).map(str::to_owned) }
                 } else {
                     match cells.remove(&name.job_id) {
-                        None => Verdict::Unchanged,
-                        Some(cells) => Verdict::Changed { cells },
+                        None => JobComparison::Unchanged,
+                        Some(cells) => JobComparison::Changed { cells },
                     }
                 }
             }
@@ -401,17 +404,19 @@ pub fn compare(folder: &Path, baseline: &Path, tolerances: &Tolerances) -> Resul
     for row in 0..now.jobs().rows() {
         let name = now.name(row);
         if !then_at.contains_key(&name.job_id) {
-            jobs.push((name, Verdict::New));
+            jobs.push((name, JobComparison::New));
         }
     }
-    if !jobs.is_empty() && jobs.iter().all(|(_, verdict)| matches!(verdict, Verdict::New | Verdict::Missing)) {
+    if !jobs.is_empty()
+        && jobs.iter().all(|(_, verdict)| matches!(verdict, JobComparison::New | JobComparison::Missing))
+    {
         warnings.push(
             "the two sides have no job in common: the study, its model or motion, or the version of the results has \
              changed"
                 .to_owned(),
         );
     }
-    Ok(Comparison { jobs, gone, warnings })
+    Ok(Comparison { jobs, removed, warnings })
 }
 
 fn warnings(folder: &Path, baseline: &Path) -> Vec<String> {
@@ -420,7 +425,7 @@ fn warnings(folder: &Path, baseline: &Path) -> Vec<String> {
     for side in [folder, baseline] {
         match Manifest::read(side) {
             Ok(Some(manifest)) => {
-                for name in manifest.altered(side) {
+                for name in manifest.altered_files(side) {
                     let path = side.join(name);
                     warnings.push(format!("{} is not the file recorded in its manifest", path.display()));
                 }
@@ -440,14 +445,14 @@ fn warnings(folder: &Path, baseline: &Path) -> Vec<String> {
 
 /// Changed cells by job, for jobs on both sides.
 fn changes(
-    now: &Side,
-    then: &Side,
+    now: &ComparedFolder,
+    then: &ComparedFolder,
     tolerances: &Tolerances,
-    gone: &mut Vec<String>,
+    removed: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> HashMap<String, Vec<Change>> {
     let mut found: HashMap<String, Vec<Change>> = HashMap::new();
-    let ids = |side: &Side| -> std::collections::HashSet<String> {
+    let ids = |side: &ComparedFolder| -> std::collections::HashSet<String> {
         (0..side.jobs().rows()).filter_map(|row| side.jobs().text("job_id", row).map(str::to_owned)).collect()
     };
     let (now_ids, then_ids) = (ids(now), ids(then));
@@ -463,7 +468,7 @@ fn changes(
                 None if *name == "jobs" && old_axes.contains(column) => {
                     warnings.push(format!("`{column}` is no longer swept"));
                 }
-                None => gone.push(format!("the column {name}.{column}")),
+                None => removed.push(format!("the column {name}.{column}")),
             }
         }
         let keys = schema::row_keys(name);
@@ -541,7 +546,7 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
     let Some(mut manifest) = Manifest::read(folder)? else {
         return refuse("it contains no manifest.json, so it is not a results folder".to_owned());
     };
-    if let Some(name) = manifest.altered(folder).first() {
+    if let Some(name) = manifest.altered_files(folder).first() {
         return refuse(format!(
             "{name} is not the file recorded in its manifest; `sinew merge` makes the tables again"
         ));
@@ -560,7 +565,7 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
         return Err(Error::table("accept", folder, "it is the baseline itself"));
     }
     std::fs::create_dir_all(baseline).map_err(|e| Error::io("create", baseline, e))?;
-    claim(baseline)?;
+    check_ownership(baseline)?;
     let file = |name: &str| format!("{name}.parquet");
     let has_own = baseline.join(file("jobs")).exists();
     let wanted = |name: &&&str| {
@@ -572,7 +577,7 @@ pub fn accept(folder: &Path, baseline: &Path) -> Result<Vec<String>> {
     let names: Vec<String> = schema::TABLES.iter().filter(wanted).map(|name| file(name)).collect();
     for name in &names {
         let from = folder.join(name);
-        write_whole(&baseline.join(name), std::fs::read(&from).map_err(|e| Error::io("read", &from, e))?)?;
+        write_atomically(&baseline.join(name), std::fs::read(&from).map_err(|e| Error::io("read", &from, e))?)?;
     }
     for name in schema::TABLES.iter().map(|name| file(name)).filter(|name| !names.contains(name)) {
         let _ = std::fs::remove_file(baseline.join(name)); // a table that the results no longer have

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write_whole(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
+pub fn write_atomically(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
     let failed = |e| Error::io("write", path, e);
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     if target.metadata().is_ok_and(|there| !there.is_file()) {

@@ -140,7 +140,7 @@ impl Trajectory for Guess<'_> {
 }
 
 /// The initial decision vector for a scheme with `points` instants (p). `None` as in [`Guess::new`].
-pub fn start_guess(
+pub fn initial_guess(
     instant: &Instant<'_>,
     scheme: &dyn Discretisation,
     points: usize,

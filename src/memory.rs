@@ -24,14 +24,14 @@ const MAX_ITERATES: usize = 100;
 
 /// The size of a problem.
 #[derive(Clone, Copy, Debug)]
-pub struct Size {
+pub struct ProblemSize {
     /// Memory of the data at the collocation points, bytes.
     points: f64,
     /// Number of residual rows.
     rows: f64,
 }
 
-impl Size {
+impl ProblemSize {
     /// The size of the problem with `points` points (p).
     pub fn of(instant: &Instant<'_>, settings: &Settings, points: usize) -> Self {
         let intervals = points as f64 - 1.0;

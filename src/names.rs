@@ -5,7 +5,7 @@
 const MAX_LENGTH: usize = 200;
 
 /// What is wrong with a name, if it cannot be used safely in files, web pages and spreadsheets.
-pub fn flaw(name: &str) -> Option<String> {
+pub fn defect(name: &str) -> Option<String> {
     if name.is_empty() {
         return Some("it is empty".to_owned());
     }
@@ -45,11 +45,11 @@ mod tests {
     #[test]
     fn unsafe_names_are_rejected() {
         for good in ["biceps", "Adductor longus (left)", "a<b>&\"c\"", "M. biceps_2", "μ-fibre", "1st"] {
-            assert_eq!(flaw(good), None, "{good}");
+            assert_eq!(defect(good), None, "{good}");
         }
         let long = "x".repeat(201);
         for bad in ["", "a\nb", "a\tb", "\u{1b}[31m", "\u{202e}a", "=1+1", "+a", "-a", "@a", &long] {
-            assert!(flaw(bad).is_some(), "{bad}");
+            assert!(defect(bad).is_some(), "{bad}");
         }
         assert_eq!(shown(&long).chars().count(), 51);
         assert_eq!(shown("a\nb"), "a␊b");

@@ -10,55 +10,55 @@ use crate::outcome::{JobRow, MuscleRow};
 use crate::study::settings::Settings;
 
 /// A kind of warning: its code, the quantity that it checks with the names of its limits, and what to do about it.
-pub struct Kind {
+pub struct WarningKind {
     pub code: &'static str,
     pub limit: &'static str,
     pub remedy: &'static str,
 }
 
 /// All kinds of warning.
-pub const KINDS: [Kind; 8] = [
-    Kind {
+pub const WARNING_KINDS: [WarningKind; 8] = [
+    WarningKind {
         code: "tracking",
         limit: "tracking error above warn.tracking_deg (2°) or warn.tracking_mm (10 mm), RMS",
         remedy: "if activations reach 1, the muscles are too weak; otherwise lower mu, refine the mesh or \
                  check the motion",
     },
-    Kind {
+    WarningKind {
         code: "saturated",
         limit: "activation at its upper bound for more than warn.saturated (0.1) of the time, or activation or \
                 excitation above 1 where it has no upper bound",
         remedy: "the muscles are too weak for this motion: check maximum forces, masses and external forces; set \
                  bounds = \"both_boxed\"",
     },
-    Kind {
+    WarningKind {
         code: "overload",
         limit: "force above warn.overload (1.5) times the maximum isometric force",
         remedy: "see `passive` and `fibre_velocity`: the force comes from a stretched or rapidly lengthening fibre",
     },
-    Kind {
+    WarningKind {
         code: "passive",
         limit: "passive force above warn.passive (0.2) times the maximum isometric force",
         remedy: "the fibre is stretched: the tendon slack length or the optimal fibre length is too short for the path",
     },
-    Kind {
+    WarningKind {
         code: "fibre_length",
         limit: "fibre length below warn.fibre_length_min (0.4) or above warn.fibre_length_max (1.6) optimal fibre \
                 lengths",
         remedy: "the tendon slack length or the optimal fibre length does not fit the path",
     },
-    Kind {
+    WarningKind {
         code: "fast_motion",
         limit: "a joint coordinate faster than warn.speed_rad_s (30 rad/s) or warn.speed_m_s (10 m/s), or an angle \
                 with a range above warn.turn_rad (2π)",
         remedy: "check the unit of the column (degrees labelled as radians?), or smooth the motion (smoothing_hz)",
     },
-    Kind {
+    WarningKind {
         code: "mesh",
         limit: "estimated discretisation error of the effort or of a mean force above warn.mesh (0.05)",
         remedy: "use more stages (stages = 3) or a smaller h",
     },
-    Kind {
+    WarningKind {
         code: "fibre_velocity",
         limit: "fibre velocity above warn.fibre_velocity (20) optimal fibre lengths per second",
         remedy: "with scheme = \"midpoint\", fibre velocities ring: use radau; otherwise check the motion and \

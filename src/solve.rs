@@ -6,12 +6,12 @@ use std::time::Instant as Clock;
 
 use rand::{RngExt, SeedableRng};
 
-use crate::analysis::{Context, Runs, analyse};
+use crate::analysis::{Runs, SolvedProblem, analyse};
 use crate::deadline::Deadline;
-use crate::guess::start_guess;
+use crate::guess::initial_guess;
 use crate::memory;
 use crate::model::Model;
-use crate::motion::{Measurement, MotionSettings, MotionTable, Unmeasured};
+use crate::motion::{Measurement, MeasurementError, MotionSettings, MotionTable};
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
 use crate::nlp::polish::active;
@@ -129,7 +129,7 @@ type Failure = (Status, String);
 fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outcome, Option<Answer>), Failure> {
     let Task { model, motion, settings, points } = task;
     let deadline = Deadline::after(clock, settings.time_limit_s);
-    let size = memory::Size::of(&instant_of(model, settings), settings, points);
+    let size = memory::ProblemSize::of(&instant_of(model, settings), settings, points);
     size.check_transcribing(settings).map_err(|reason| (Status::Invalid, reason))?;
     let measurement = measured(task, deadline)?;
     let (instant, scheme) = discretise(model, settings, points, motion.duration() * settings.time_scale);
@@ -143,7 +143,7 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
         StartFrom::Answer(answer) => Some(answer.start(&problem, scheme.as_ref())),
         StartFrom::Solution(solution) => Some(start_at(solution, &problem)),
     };
-    let guess = || start_guess(&instant, scheme.as_ref(), points, &measurement, deadline);
+    let guess = || initial_guess(&instant, scheme.as_ref(), points, &measurement, deadline);
     let (is_warm, is_alone) = (warm.is_some(), warm.is_some() && settings.starts == 1);
     let first = if is_alone { None } else { guess() };
     in_time(deadline)?;
@@ -166,7 +166,8 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
     }
 
     let ranked = Clock::now();
-    let context = Context { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, settings, deadline };
+    let context =
+        SolvedProblem { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, settings, deadline };
     let mut outcome = analyse(&context, &mut kkt, &runs);
     outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
@@ -192,13 +193,13 @@ fn start_at(solution: &SolutionPoint, problem: &Collocation<'_>) -> Start {
 fn measured(task: Task<'_>, deadline: Deadline) -> Result<Measurement, Failure> {
     let Task { model, motion, settings, points } = task;
     motion_settings(settings).measure(motion, model, points, deadline).map_err(|why| match why {
-        Unmeasured::Late => late(),
+        MeasurementError::DeadlinePassed => late(),
         open => (Status::Infeasible, open.to_string()),
     })
 }
 
 fn late() -> Failure {
-    (Status::TimeLimit, Unmeasured::Late.to_string())
+    (Status::TimeLimit, MeasurementError::DeadlinePassed.to_string())
 }
 
 fn in_time(deadline: Deadline) -> Result<(), Failure> {

@@ -39,12 +39,12 @@ pub struct Cell {
 
 /// The cases that share the values of all other axes, by (load-sharing grid, bounds).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Group {
+pub struct TableOne {
     pub others: Vec<(String, String)>,
     pub cells: BTreeMap<(String, String), Cell>,
 }
 
-impl Group {
+impl TableOne {
     /// How many of the twelve numbers equal those of the thesis.
     pub fn matches(&self) -> usize {
         self.count(|cell| cell.deficiencies)
@@ -72,7 +72,7 @@ impl Group {
 }
 
 /// The groups of a study that sweeps `load_sharing_grid` and `bounds`, in job order; empty for other studies.
-pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<Group> {
+pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<TableOne> {
     let needed = ["load_sharing_grid", "bounds"];
     if !needed.iter().all(|name| axes.iter().any(|axis| axis == name)) {
         return Vec::new();
@@ -82,7 +82,7 @@ pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<Group> {
     let key = |axis: &String| !needed.contains(&axis.as_str()) && (!sampled || axis == "sample" || !axis.contains('.'));
     let rank_rows: BTreeMap<&str, usize> =
         (0..regularity.rows()).filter_map(|row| Some((regularity.text("job_id", row)?, row))).collect();
-    let mut groups: Vec<Group> = Vec::new();
+    let mut groups: Vec<TableOne> = Vec::new();
     let mut place: BTreeMap<Vec<(String, String)>, usize> = BTreeMap::new();
     for row in 0..jobs.rows() {
         let others: Vec<(String, String)> =
@@ -102,7 +102,7 @@ pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<Group> {
             ambiguous: rank.and_then(|r| regularity.flag("ambiguous", r)).unwrap_or(false),
         };
         let at = *place.entry(others.clone()).or_insert_with(|| {
-            groups.push(Group { others, cells: BTreeMap::new() });
+            groups.push(TableOne { others, cells: BTreeMap::new() });
             groups.len() - 1
         });
         groups[at].cells.insert((grid.to_owned(), bounds.to_owned()), cell);

@@ -124,13 +124,13 @@ pub fn error(text: &str) {
     }
 }
 
-type Note = (String, SyncSender<()>);
+type PendingNote = (String, SyncSender<()>);
 
 /// Writes notes in a separate thread, because a pipe that nobody reads blocks its writer.
-fn writer() -> &'static SyncSender<Note> {
-    static WRITER: OnceLock<SyncSender<Note>> = OnceLock::new();
+fn writer() -> &'static SyncSender<PendingNote> {
+    static WRITER: OnceLock<SyncSender<PendingNote>> = OnceLock::new();
     WRITER.get_or_init(|| {
-        let (send, receive) = mpsc::sync_channel::<Note>(QUEUE_LENGTH);
+        let (send, receive) = mpsc::sync_channel::<PendingNote>(QUEUE_LENGTH);
         std::thread::spawn(move || {
             for (text, written) in receive {
                 let _ = writeln!(std::io::stderr(), "{text}");

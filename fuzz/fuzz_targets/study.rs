@@ -12,6 +12,6 @@ fuzz_target!(|text: &str| {
     if let Ok(parsed) = parse(&study) {
         let model = file("arm.toml", include_str!("../../data/models/arm.toml"));
         let motion = file("arm_curl.csv", include_str!("../../data/motions/arm_curl.csv"));
-        let _ = Study::of(Sources { study, model, motion }, parsed);
+        let _ = Study::from_sources(Sources { study, model, motion }, parsed);
     }
 });

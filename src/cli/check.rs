@@ -65,7 +65,7 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
                 let warning = warning.map(|w| format!("\nwarning: {}: {}", w.code, w.found)).unwrap_or_default();
                 let jobs = counted(study.jobs.len(), "job");
                 Ok(format!("study, {jobs}\n{motion}{warning}{}", lost_of_model(&study)?))
-            } else if SkeletonFile::is_one(&table) {
+            } else if SkeletonFile::is_spatial(&table) {
                 Ok(described(&SkeletonFile::load(&file)?))
             } else {
                 let (_, model) = ModelFile::load(&file)?;
@@ -134,7 +134,7 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
 /// Lists what is lost from the model of a study if it is an OpenSim model; empty otherwise.
 fn lost_of_model(study: &Study) -> Result<String> {
     let source = &study.sources.model;
-    if !opensim::is_one(source) {
+    if !opensim::is_osim(source) {
         return Ok(String::new());
     }
     let notes = opensim::import(source)?.notes;

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use super::{FAILED_JOBS, GOOD, note, print};
 use crate::compare::{Tolerance, Tolerances, accept, compare as compare_folders, verdict_text};
 use crate::error::Result;
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::run::manifest::Manifest;
 
 /// Tolerances, files to write, and whether to accept the results as the baseline.
-pub struct Options {
+pub struct CompareOptions {
     pub tolerances: Vec<(String, Tolerance)>,
     pub json: Option<PathBuf>,
     pub junit: Option<PathBuf>,
@@ -24,7 +24,7 @@ pub fn tolerance(text: &str) -> std::result::Result<(String, Tolerance), String>
     Ok((column.to_owned(), Tolerance::parse(value)?))
 }
 
-pub fn compare(dir: &Path, baseline: &Path, options: &Options) -> Result<u8> {
+pub fn compare(dir: &Path, baseline: &Path, options: &CompareOptions) -> Result<u8> {
     if options.accept && !baseline.join("jobs.parquet").exists() {
         return accepted(dir, baseline);
     }
@@ -39,12 +39,12 @@ pub fn compare(dir: &Path, baseline: &Path, options: &Options) -> Result<u8> {
             lines.iter().for_each(|line| print(&format!("    {line}")));
         }
     }
-    comparison.gone.iter().for_each(|gone| print(&format!("{gone} is in the baseline only")));
+    comparison.removed.iter().for_each(|gone| print(&format!("{gone} is in the baseline only")));
     let counts: Vec<String> = comparison.counts().iter().map(|(class, n)| format!("{n} {class}")).collect();
     print(&format!("{}: {}", if comparison.drifted() { "drift" } else { "no drift" }, counts.join(", ")));
     let write = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String>| match path {
         None => Ok(()),
-        Some(path) => write_whole(path, text()?),
+        Some(path) => write_atomically(path, text()?),
     };
     let suite = Manifest::read(dir).ok().flatten().map_or_else(|| "sinew".to_owned(), |manifest| manifest.study.name);
     write(&options.json, &|| Ok(format!("{:#}\n", comparison.json())))?;

@@ -7,13 +7,13 @@ use super::layout::print_definition;
 use super::output::print_table;
 use super::{GOOD, print};
 use crate::error::{Error, Result};
-use crate::plausibility::KINDS;
+use crate::plausibility::WARNING_KINDS;
 use crate::run::folder;
 use crate::tables::{self, Table, Values, axis_unit, schema};
 use crate::terminal::heading;
 
 /// A column to describe.
-struct Entry {
+struct DescribedColumn {
     table: &'static str,
     column: String,
     kind: &'static str,
@@ -47,8 +47,8 @@ pub fn describe(dir: Option<&Path>, table: Option<&str>, look: Look) -> Result<u
     Ok(GOOD)
 }
 
-fn known(name: &'static str) -> impl Iterator<Item = Entry> {
-    schema::about(name).into_iter().map(move |about| Entry {
+fn known(name: &'static str) -> impl Iterator<Item = DescribedColumn> {
+    schema::columns_of(name).into_iter().map(move |about| DescribedColumn {
         table: name,
         column: about.name.to_owned(),
         kind: about.kind,
@@ -58,14 +58,14 @@ fn known(name: &'static str) -> impl Iterator<Item = Entry> {
 }
 
 /// The columns of a table in a folder; empty if the folder does not have the table.
-fn of_folder(dir: &Path, name: &'static str) -> Result<Vec<Entry>> {
+fn of_folder(dir: &Path, name: &'static str) -> Result<Vec<DescribedColumn>> {
     let path = folder::table(dir, name);
     if !path.exists() {
         return Ok(Vec::new());
     }
     let table = tables::read(name, &path)?;
-    let mut about: Vec<Entry> = known(name).collect();
-    let swept = |column: &str, values: &Values| Entry {
+    let mut about: Vec<DescribedColumn> = known(name).collect();
+    let swept = |column: &str, values: &Values| DescribedColumn {
         table: name,
         column: column.to_owned(),
         kind: match values {
@@ -84,12 +84,12 @@ fn of_folder(dir: &Path, name: &'static str) -> Result<Vec<Entry>> {
     Ok(table.columns.iter().map(describe).collect())
 }
 
-fn print_text(entries: &[Entry]) {
+fn print_text(entries: &[DescribedColumn]) {
     for of_table in entries.chunk_by(|a, b| a.table == b.table) {
         let name = of_table[0].table;
         print(&heading(&format!("{name}.parquet")));
         print_definition("", &format!("Each row is {}.", schema::row_of(name)));
-        for Entry { column, kind, unit, meaning, .. } in of_table {
+        for DescribedColumn { column, kind, unit, meaning, .. } in of_table {
             let unit = if unit.is_empty() { String::new() } else { format!(", {unit}") };
             print_definition(&format!("  {column} ({kind}{unit})"), meaning);
         }
@@ -98,26 +98,26 @@ fn print_text(entries: &[Entry]) {
 }
 
 /// Prints a section per table.
-fn print_markdown(entries: &[Entry]) {
+fn print_markdown(entries: &[DescribedColumn]) {
     for of_table in entries.chunk_by(|a, b| a.table == b.table) {
         let name = of_table[0].table;
         print(&format!(
             "### {name}\n\nEach row is {}.\n\n| column | type | unit | meaning |\n|---|---|---|---|",
             schema::row_of(name)
         ));
-        for Entry { column, kind, unit, meaning, .. } in of_table {
+        for DescribedColumn { column, kind, unit, meaning, .. } in of_table {
             print(&format!("| `{column}` | {kind} | {unit} | {} |", meaning.replace('|', "\\|")));
         }
         print("");
     }
     print("### Warnings\n\n| code | limit | what to do |\n|---|---|---|");
-    for kind in &KINDS {
+    for kind in &WARNING_KINDS {
         print(&format!("| `{}` | {} | {} |", kind.code, kind.limit, kind.remedy));
     }
 }
 
-fn as_table(entries: &[Entry]) -> Table {
-    let column = |name: &str, of: fn(&Entry) -> String| {
+fn as_table(entries: &[DescribedColumn]) -> Table {
+    let column = |name: &str, of: fn(&DescribedColumn) -> String| {
         (name.to_owned(), Values::Text(entries.iter().map(|entry| Some(of(entry))).collect()))
     };
     let columns = vec![

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::output::csv;
 use super::{GOOD, print};
 use crate::error::{Error, Result, nearest};
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::run::folder;
 use crate::tables::{self, Table, Values, schema};
 
@@ -21,7 +21,7 @@ const SIGNALS: [(&str, &str); 6] = [
 ];
 
 /// What to export, and where.
-pub struct Options {
+pub struct ExportOptions {
     /// Write storage files instead of CSV tables.
     pub sto: bool,
     /// The table to write; all if `None`.
@@ -32,7 +32,7 @@ pub struct Options {
     pub out: Option<PathBuf>,
 }
 
-pub fn export(dir: &Path, options: &Options) -> Result<u8> {
+pub fn export(dir: &Path, options: &ExportOptions) -> Result<u8> {
     let out = options.out.clone().unwrap_or_else(|| dir.join("export"));
     let jobs = tables::read("jobs", &folder::table(dir, "jobs"))?;
     let chosen = chosen_jobs(dir, &jobs, &options.jobs)?;
@@ -84,7 +84,7 @@ fn storage_files(dir: &Path, chosen: &HashMap<String, i64>, out: &Path) -> Resul
             for (signal, title) in SIGNALS {
                 let Some(series) = time_series(&table, start..end, signal) else { continue };
                 let name = format!("job-{index}_{title}");
-                write_whole(&out.join(format!("{name}.sto")), storage(&name, &series))?;
+                write_atomically(&out.join(format!("{name}.sto")), storage(&name, &series))?;
                 count += 1;
             }
         }
@@ -152,7 +152,7 @@ fn csv_files(dir: &Path, chosen: &HashMap<String, i64>, wanted: Option<&str>, ou
             continue;
         }
         let table = of_jobs(tables::read(name, &path)?, chosen);
-        write_whole(&out.join(format!("{name}.csv")), csv(&table)?)?;
+        write_atomically(&out.join(format!("{name}.csv")), csv(&table)?)?;
         count += 1;
     }
     Ok(count)

@@ -69,7 +69,7 @@ fn of_weight(notes: &[Note], weight: Weight) -> Vec<Note> {
 
 /// Prints on standard error what is lost from an OpenSim model; nothing for other models.
 pub fn say_lost(source: &SourceFile) -> Result<()> {
-    if !opensim::is_one(source) {
+    if !opensim::is_osim(source) {
         return Ok(());
     }
     let notes = opensim::import(source)?.notes;

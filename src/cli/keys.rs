@@ -73,7 +73,7 @@ fn list_settings(look: Look) -> Result<()> {
 /// Every numeric parameter of a model that a study can set, by path and including defaults; then the changes of the
 /// motion, with their neutral values.
 fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
-    let is_spatial = opensim::is_one(file) || toml::from_str(&file.text).is_ok_and(|t| SkeletonFile::is_one(&t));
+    let is_spatial = opensim::is_osim(file) || toml::from_str(&file.text).is_ok_and(|t| SkeletonFile::is_spatial(&t));
     let (table, coordinates): (_, Vec<(String, bool)>) = if is_spatial {
         let (table, skeleton) = load_skeleton(file)?;
         let free = skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());

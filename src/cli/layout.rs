@@ -14,7 +14,7 @@ const TITLE: usize = 10;
 const MARGIN: usize = 2;
 
 /// A column of a table.
-struct Column {
+struct SheetColumn {
     title: String,
     cells: Vec<String>,
     is_text: bool,
@@ -27,7 +27,7 @@ struct Column {
 /// A table for the terminal, built column by column.
 #[derive(Default)]
 pub struct Sheet {
-    columns: Vec<Column>,
+    columns: Vec<SheetColumn>,
 }
 
 impl Sheet {
@@ -50,7 +50,7 @@ impl Sheet {
     }
 
     fn add(&mut self, title: String, rank: u8, cells: Vec<String>, is_text: bool) -> &mut Self {
-        self.columns.push(Column { title, cells, is_text, rank, color: |_| None });
+        self.columns.push(SheetColumn { title, cells, is_text, rank, color: |_| None });
         self
     }
 
@@ -87,7 +87,7 @@ impl Sheet {
     /// Hides columns until the table is at most `width` characters wide; returns the hidden titles.
     fn fit(&mut self, width: usize) -> Vec<String> {
         let mut hidden = Vec::new();
-        while self.columns.iter().map(Column::width).sum::<usize>() > width + MARGIN {
+        while self.columns.iter().map(SheetColumn::width).sum::<usize>() > width + MARGIN {
             let least_important = self.columns.iter().enumerate().max_by_key(|(i, column)| (column.rank, *i));
             match least_important {
                 Some((i, column)) if column.rank > 0 => hidden.insert(0, self.columns.remove(i).title),
@@ -98,7 +98,7 @@ impl Sheet {
     }
 }
 
-impl Column {
+impl SheetColumn {
     fn cells_width(&self) -> usize {
         self.cells.iter().map(|cell| cell.lines().map(UnicodeWidthStr::width).max().unwrap_or(0)).max().unwrap_or(0)
     }

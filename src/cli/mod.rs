@@ -62,21 +62,21 @@ fn run_command(command: Command) -> Result<u8> {
         Command::Merge { dir } => run::merge(&dir),
         Command::Status { dir } => status::status(&dir),
         Command::Compare { dir, baseline, tolerance, json, junit, accept } => {
-            compare::compare(&dir, &baseline, &compare::Options { tolerances: tolerance, json, junit, accept })
+            compare::compare(&dir, &baseline, &compare::CompareOptions { tolerances: tolerance, json, junit, accept })
         }
         Command::Slurm(arguments) => slurm::slurm(&arguments),
         Command::Import { model, out, strict } => import::import(&model, out, strict),
         Command::MomentArms { model, poses, out } => moment_arms::moment_arms(&model, &poses, out.as_deref()),
         Command::Rank { dir, axis, reference, measure, out, look } => rank::rank(
             &dir,
-            &rank::Options { axis: &axis, reference: &reference, measure: &measure, out: out.as_deref(), look },
+            &rank::RankOptions { axis: &axis, reference: &reference, measure: &measure, out: out.as_deref(), look },
         ),
         Command::Report { dir, compare, out, svg, job } => report::report(&dir, compare.as_deref(), out, svg, job),
         Command::Schema { kind, keys } => schema::schema(kind, keys),
         Command::Show { dir, all, table, look } => show::show(&dir, all, table.as_deref(), look),
         Command::Describe { dir, table, look } => describe::describe(dir.as_deref(), table.as_deref(), look),
         Command::Export { dir, sto, csv: _, table, jobs, out } => {
-            export::export(&dir, &export::Options { sto, table, jobs, out })
+            export::export(&dir, &export::ExportOptions { sto, table, jobs, out })
         }
         Command::Completions { shell } => {
             let mut script = Vec::new();

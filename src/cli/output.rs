@@ -5,7 +5,7 @@ use std::path::Path;
 use super::arguments::{Format, Look};
 use super::layout::{NOTHING_THERE, Sheet};
 use crate::error::{Error, Result};
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::names::is_formula;
 use crate::tables::{Table, Values, Writer};
 use crate::terminal::print;
@@ -68,7 +68,7 @@ fn markdown(table: &Table) -> String {
 /// Writes a table as CSV or Parquet, depending on the file extension.
 pub fn write_table(table: &Table, metadata: Vec<(String, String)>, path: &Path) -> Result<()> {
     match path.extension().and_then(|e| e.to_str()) {
-        Some("csv") => write_whole(path, csv(table)?),
+        Some("csv") => write_atomically(path, csv(table)?),
         Some("parquet") => {
             let mut writer = Writer::new(path, metadata);
             writer.append(table)?;

@@ -20,7 +20,7 @@ const MEASURES: [&str; 6] =
 /// Muscles printed for each job.
 const FIRST: usize = 10;
 
-pub struct Options<'a> {
+pub struct RankOptions<'a> {
     pub axis: &'a str,
     pub reference: &'a str,
     pub measure: &'a str,
@@ -29,13 +29,13 @@ pub struct Options<'a> {
 }
 
 /// The value of one muscle in a job and in its reference job.
-struct Change {
+struct Response {
     muscle: String,
     reference: f64,
     value: f64,
 }
 
-impl Change {
+impl Response {
     fn difference(&self) -> f64 {
         self.value - self.reference
     }
@@ -49,10 +49,10 @@ impl Change {
 struct Ranking {
     /// Row of the job in `jobs`.
     row: usize,
-    changes: Vec<Change>,
+    changes: Vec<Response>,
 }
 
-pub fn rank(folder: &Path, options: &Options<'_>) -> Result<u8> {
+pub fn rank(folder: &Path, options: &RankOptions<'_>) -> Result<u8> {
     let jobs = tables::read("jobs", &folder::table(folder, "jobs"))?;
     let muscles = tables::read("muscles", &folder::table(folder, "muscles"))?;
     let axes = schema::axes(&jobs);
@@ -72,7 +72,7 @@ pub fn rank(folder: &Path, options: &Options<'_>) -> Result<u8> {
     Ok(GOOD)
 }
 
-fn check(folder: &Path, jobs: &Table, axes: &[String], options: &Options<'_>) -> Result<()> {
+fn check(folder: &Path, jobs: &Table, axes: &[String], options: &RankOptions<'_>) -> Result<()> {
     let wrong = |reason: String| Err(Error::table("rank the muscles of", folder, reason));
     if !axes.iter().any(|axis| axis == options.axis) {
         let near = nearest(options.axis, axes.iter().map(String::as_str));
@@ -96,7 +96,7 @@ fn check(folder: &Path, jobs: &Table, axes: &[String], options: &Options<'_>) ->
     Ok(())
 }
 
-fn is_reference(jobs: &Table, options: &Options<'_>, row: usize) -> bool {
+fn is_reference(jobs: &Table, options: &RankOptions<'_>, row: usize) -> bool {
     let value = jobs.display(options.axis, row).unwrap_or_default();
     match (value.parse::<f64>(), options.reference.parse::<f64>()) {
         (Ok(a), Ok(b)) => (a - b).abs() <= 1e-12 * a.abs().max(b.abs()),
@@ -105,13 +105,13 @@ fn is_reference(jobs: &Table, options: &Options<'_>, row: usize) -> bool {
 }
 
 /// The values of all axes except the ranked one.
-fn others(jobs: &Table, axes: &[String], options: &Options<'_>, row: usize) -> Vec<(String, String)> {
+fn others(jobs: &Table, axes: &[String], options: &RankOptions<'_>, row: usize) -> Vec<(String, String)> {
     let others = axes.iter().filter(|axis| *axis != options.axis);
     others.map(|axis| (axis.clone(), jobs.display(axis, row).unwrap_or_default())).collect()
 }
 
 /// Compares every converged job with the converged job of the reference value that agrees in all other axes.
-fn rankings(jobs: &Table, muscles: &Table, axes: &[String], options: &Options<'_>) -> Vec<Ranking> {
+fn rankings(jobs: &Table, muscles: &Table, axes: &[String], options: &RankOptions<'_>) -> Vec<Ranking> {
     let mut loads: BTreeMap<&str, Vec<(&str, f64)>> = BTreeMap::new();
     for row in 0..muscles.rows() {
         if let (Some(job), Some(muscle), Some(value)) =
@@ -132,16 +132,16 @@ fn rankings(jobs: &Table, muscles: &Table, axes: &[String], options: &Options<'_
         // Match by name: a muscle that acts on no moving body in one of the jobs has no row there.
         let change = |&(muscle, value): &(&str, f64)| {
             let reference = *before.get(muscle)?;
-            Some(Change { muscle: muscle.to_owned(), reference, value })
+            Some(Response { muscle: muscle.to_owned(), reference, value })
         };
-        let mut changes: Vec<Change> = load(row)?.iter().filter_map(change).collect();
+        let mut changes: Vec<Response> = load(row)?.iter().filter_map(change).collect();
         changes.sort_by(|a, b| b.difference().abs().total_cmp(&a.difference().abs()));
         Some(Ranking { row, changes })
     };
     (0..jobs.rows()).filter(|&row| !is_reference(jobs, options, row)).filter_map(ranking).collect()
 }
 
-fn print_ranking(jobs: &Table, axes: &[String], options: &Options<'_>, ranking: &Ranking) {
+fn print_ranking(jobs: &Table, axes: &[String], options: &RankOptions<'_>, ranking: &Ranking) {
     let others = others(jobs, axes, options, ranking.row);
     let here: Vec<String> = others.into_iter().map(|(axis, value)| format!("{axis} = {value}")).collect();
     let here = if here.is_empty() { String::new() } else { format!(" ({})", here.join(", ")) };
@@ -149,12 +149,12 @@ fn print_ranking(jobs: &Table, axes: &[String], options: &Options<'_>, ranking: 
     print("");
     print(&heading(&format!("{} = {value}{here}: {}", options.axis, options.measure)));
     let first = &ranking.changes[..FIRST.min(ranking.changes.len())];
-    let number = |of: fn(&Change) -> f64| first.iter().map(|change| format!("{:.3}", of(change))).collect();
+    let number = |of: fn(&Response) -> f64| first.iter().map(|change| format!("{:.3}", of(change))).collect();
     let mut sheet = Sheet::default();
     sheet.text("muscle", 0, first.iter().map(|change| change.muscle.clone()).collect());
     sheet.number("reference", 1, number(|change| change.reference)).number("value", 1, number(|change| change.value));
     sheet.number("change", 0, first.iter().map(|change| format!("{:+.3}", change.difference())).collect());
-    let percent = |change: &Change| change.relative().map_or(String::new(), |r| format!("{:+.1} %", 100.0 * r));
+    let percent = |change: &Response| change.relative().map_or(String::new(), |r| format!("{:+.1} %", 100.0 * r));
     sheet.number("relative", 0, first.iter().map(percent).collect());
     sheet.print(options.look.wide);
 }
@@ -162,7 +162,7 @@ fn print_ranking(jobs: &Table, axes: &[String], options: &Options<'_>, ranking: 
 /// All muscles of all jobs: swept values, rank, muscle, reference, value, change and relative change.
 fn table(jobs: &Table, axes: &[String], measure: &str, rankings: &[Ranking]) -> Table {
     let rows = || rankings.iter().flat_map(|r| r.changes.iter().enumerate().map(move |(k, change)| (r.row, k, change)));
-    let number = |of: fn(&Change) -> Option<f64>| Values::Number(rows().map(|(_, _, change)| of(change)).collect());
+    let number = |of: fn(&Response) -> Option<f64>| Values::Number(rows().map(|(_, _, change)| of(change)).collect());
     let mut columns: Vec<(String, Values)> = (axes.iter())
         .map(|axis| (axis.clone(), Values::Text(rows().map(|(row, ..)| jobs.display(axis, row)).collect())))
         .collect();
@@ -172,7 +172,7 @@ fn table(jobs: &Table, axes: &[String], measure: &str, rankings: &[Ranking]) -> 
         (format!("reference_{measure}"), number(|change| Some(change.reference))),
         (measure.to_owned(), number(|change| Some(change.value))),
         (format!("change_{measure}"), number(|change| Some(change.difference()))),
-        ("relative_change".to_owned(), number(Change::relative)),
+        ("relative_change".to_owned(), number(Response::relative)),
     ]);
     Table { name: "ranking", columns }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result};
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::report::Report;
 
 /// Folder of the figures, beside the page.
@@ -31,14 +31,14 @@ pub fn report(dir: &Path, baseline: Option<&Path>, out: Option<PathBuf>, svg: bo
     let out = out.unwrap_or_else(|| dir.join("report.html"));
     is_replaceable(&out)?;
     let page = report.page()?;
-    write_whole(&out, &page)?;
+    write_atomically(&out, &page)?;
     print(&format!("{} ({:.1} MB)", out.display(), page.len() as f64 / 1e6));
     if svg {
         let folder = out.with_file_name(FIGURES);
         let figures = report.figures(job)?;
         std::fs::create_dir_all(&folder).map_err(|e| Error::io("create", &folder, e))?;
         for (name, figure) in &figures {
-            write_whole(&folder.join(name), figure)?;
+            write_atomically(&folder.join(name), figure)?;
         }
         print(&format!("{} ({} figures)", folder.display(), figures.len()));
     }

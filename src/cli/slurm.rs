@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result};
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::names::counted;
 use crate::run::store::Store;
-use crate::run::{RunOptions, Shard, check_folder, default_folder, freeze};
+use crate::run::{RunOptions, Shard, check_folder, default_folder, write_plan};
 use crate::study::Study;
 use crate::study::file::OnFailure;
 
@@ -91,14 +91,14 @@ pub fn slurm(arguments: &Arguments) -> Result<u8> {
         return Err(Error::table("overwrite", other, reason));
     }
     std::fs::create_dir_all(folder.join("log")).map_err(io("create", &folder))?;
-    freeze(&study, &options, existing, false)?;
+    write_plan(&study, &options, existing, false)?;
     let missing = missing(&study, &Store::read(&out)?, shards);
 
     let sinew = std::env::current_exe().map_err(io("find", Path::new("sinew")))?;
     check_path(&sinew)?;
-    write_whole(&array, array_script(arguments, &study, &out, &sinew, shards))?;
-    write_whole(&merge, merge_script(arguments, &study, &out, &sinew))?;
-    write_whole(&folder.join("shards"), format!("{shards}\n"))?;
+    write_atomically(&array, array_script(arguments, &study, &out, &sinew, shards))?;
+    write_atomically(&merge, merge_script(arguments, &study, &out, &sinew))?;
+    write_atomically(&folder.join("shards"), format!("{shards}\n"))?;
     print(&format!(
         "{}: {} in {}, scripts in {}",
         study.name,

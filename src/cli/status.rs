@@ -48,7 +48,7 @@ pub fn status(dir: &Path) -> Result<u8> {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64);
         print(&format!("the last job finished {:.0} s ago", now.saturating_sub(last) as f64 / 1e3));
     }
-    if Store::at_work(dir) {
+    if Store::is_in_use(dir) {
         let recent: Vec<u64> = times.iter().copied().filter(|t| t + RATE_WINDOW >= times[times.len() - 1]).collect();
         let span = recent.last().zip(recent.first()).map_or(0, |(last, first)| last - first) as f64 / 1e3;
         let eta = match recent.len() {

@@ -475,12 +475,12 @@ pub fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
 
 /// Rejects a name that is not safe in files, web pages and spreadsheets.
 pub fn named(path: &[&str], name: &str) -> std::result::Result<(), Issue> {
-    match names::flaw(name) {
+    match names::defect(name) {
         None => Ok(()),
-        Some(flaw) => {
+        Some(defect) => {
             let path: Vec<String> = path.iter().map(|key| names::shown(key)).collect();
             let path: Vec<&str> = path.iter().map(String::as_str).collect();
-            Err(Issue::new(&path, format!("the name \"{}\": {flaw}", names::shown(name)), "give it another name"))
+            Err(Issue::new(&path, format!("the name \"{}\": {defect}", names::shown(name)), "give it another name"))
         }
     }
 }

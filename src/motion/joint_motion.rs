@@ -66,14 +66,14 @@ impl JointMotion {
         pose
     }
 
-    /// Frames of all bodies of the skeleton at time `t` (s), with their rates in the dual parts.
-    fn frames(&self, t: f64) -> Frames<Dual64> {
+    /// BodyPoses of all bodies of the skeleton at time `t` (s), with their rates in the dual parts.
+    fn frames(&self, t: f64) -> BodyPoses<Dual64> {
         let skeleton = &self.spatial.skeleton;
         let pose = self.pose(t);
         let moving = skeleton.frames(&pose);
         let fixed = self.spatial.girdle == Girdle::Fixed;
         if self.abduction == 0.0 && !(fixed && skeleton.bodies.iter().any(|body| body.role == Role::Girdle)) {
-            return Frames(moving);
+            return BodyPoses(moving);
         }
         let held = if fixed { self.pose(0.0).into_iter().map(|x| Dual64::from(x.re)).collect() } else { Vec::new() };
         let is_girdle = |body: usize| fixed && skeleton.bodies[body].role == Role::Girdle;
@@ -102,7 +102,7 @@ impl JointMotion {
             }
             frames[joint.child] = frame;
         }
-        Frames(frames)
+        BodyPoses(frames)
     }
 
     /// Coordinates of the bodies with equations of motion. The Euler parameters have the signs closest to those of
@@ -137,10 +137,10 @@ impl JointMotion {
     }
 }
 
-/// Frames of all bodies of the skeleton.
-struct Frames<T>(Vec<Frame<T>>);
+/// BodyPoses of all bodies of the skeleton.
+struct BodyPoses<T>(Vec<Frame<T>>);
 
-impl Frames<Dual64> {
+impl BodyPoses<Dual64> {
     /// The frames without their rates.
     fn real(&self) -> Vec<Frame<f64>> {
         let one = |frame: &Frame<Dual64>| Frame {

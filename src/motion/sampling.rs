@@ -51,11 +51,11 @@ const MAX_DISPLACEMENT_CHANGE: f64 = 5e-3;
 
 /// Why there is no measurement.
 #[derive(Debug)]
-pub enum Unmeasured {
+pub enum MeasurementError {
     /// The joints of the model cannot be closed at this time (s).
-    Open(f64, CannotAssemble),
+    CannotClose(f64, CannotAssemble),
     /// Closing the joints changes a joint coordinate by more than [`MAX_ANGLE_CHANGE`] or [`MAX_DISPLACEMENT_CHANGE`].
-    Moved {
+    InconsistentMotion {
         /// s
         time: f64,
         coordinate: String,
@@ -65,7 +65,7 @@ pub enum Unmeasured {
         is_angle: bool,
     },
     /// The deadline has passed.
-    Late,
+    DeadlinePassed,
 }
 
 /// The first joint coordinate that closing the joints has changed too much: its name, the value wanted and the value
@@ -85,10 +85,10 @@ fn changed_coordinate<'p>(planar: &'p Planar, given: &[Option<f64>], q: &[f64]) 
     })
 }
 
-impl std::fmt::Display for Unmeasured {
+impl std::fmt::Display for MeasurementError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Unmeasured::Open(time, gap) => write!(
+            MeasurementError::CannotClose(time, gap) => write!(
                 f,
                 "the joints cannot all be closed at t = {time:.4} s: {} remain open by up to {:.3e} m or rad, and no \
                  small change of the pose reduces this gap (slope {:.1e}); check the body lengths in this loop",
@@ -96,7 +96,7 @@ impl std::fmt::Display for Unmeasured {
                 gap.gap,
                 gap.slope
             ),
-            Unmeasured::Moved { time, coordinate, wanted, found, is_angle } => {
+            MeasurementError::InconsistentMotion { time, coordinate, wanted, found, is_angle } => {
                 let (factor, unit) = if *is_angle { (1f64.to_degrees(), "°") } else { (1e3, " mm") };
                 let (wanted, found) = (factor * wanted, factor * found);
                 write!(
@@ -105,7 +105,7 @@ impl std::fmt::Display for Unmeasured {
                      {wanted:.1}{unit}, but the joints close only at {found:.1}{unit}"
                 )
             }
-            Unmeasured::Late => {
+            MeasurementError::DeadlinePassed => {
                 write!(f, "the job reached its time limit before it was set up; raise time_limit_s")
             }
         }
@@ -135,7 +135,7 @@ impl MotionSettings {
         model: &Model,
         points: usize,
         deadline: Deadline,
-    ) -> Result<Measurement, Unmeasured> {
+    ) -> Result<Measurement, MeasurementError> {
         let count = self.measurement_ratio * (points - 1) + 1;
         let step = table.duration() / (count - 1) as f64;
         let times: Vec<f64> = (0..count).map(|i| i as f64 * step * self.time_scale).collect();
@@ -146,7 +146,7 @@ impl MotionSettings {
                 let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(count);
                 for &t in &times {
                     if deadline.passed() {
-                        return Err(Unmeasured::Late);
+                        return Err(MeasurementError::DeadlinePassed);
                     }
                     let q = motion.measured(t, coordinates.last().map(Vec::as_slice));
                     coordinates.push(q);
@@ -171,7 +171,7 @@ impl MotionSettings {
         step: f64,
         times: &[f64],
         deadline: Deadline,
-    ) -> Result<Vec<Vec<f64>>, Unmeasured> {
+    ) -> Result<Vec<Vec<f64>>, MeasurementError> {
         let columns: Vec<(Option<CubicSpline>, (f64, f64))> = planar
             .joint_coordinates()
             .map(|(_, name)| (table.column(name).map(|values| self.spline(table, values)), self.change(name)))
@@ -179,7 +179,7 @@ impl MotionSettings {
         let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(times.len());
         for (i, &t) in times.iter().enumerate() {
             if deadline.passed() {
-                return Err(Unmeasured::Late);
+                return Err(MeasurementError::DeadlinePassed);
             }
             let at = table.start() + i as f64 * step;
             let given: Vec<Option<f64>> = columns
@@ -191,9 +191,15 @@ impl MotionSettings {
                 })
                 .collect();
             let q = planar.assemble(&given, coordinates.last().map(Vec::as_slice));
-            let q = q.map_err(|gap| Unmeasured::Open(t, gap))?;
+            let q = q.map_err(|gap| MeasurementError::CannotClose(t, gap))?;
             if let Some((coordinate, wanted, found, is_angle)) = changed_coordinate(planar, &given, &q) {
-                return Err(Unmeasured::Moved { time: t, coordinate: coordinate.to_owned(), wanted, found, is_angle });
+                return Err(MeasurementError::InconsistentMotion {
+                    time: t,
+                    coordinate: coordinate.to_owned(),
+                    wanted,
+                    found,
+                    is_angle,
+                });
             }
             coordinates.push(q);
         }

@@ -26,7 +26,7 @@ pub struct MotionTable {
 }
 
 /// The meaning of a column.
-enum Column {
+enum MotionColumn {
     Time,
     /// Index of the force, and of its axis.
     Force(usize, usize),
@@ -76,12 +76,12 @@ impl MotionTable {
     }
 
     fn assemble(file: &SourceFile, model: &Model, text: &TextTable) -> Result<Self> {
-        let columns: Vec<Column> =
+        let columns: Vec<MotionColumn> =
             (text.names.iter()).map(|name| column_of(file, model, text, name)).collect::<Result<_>>()?;
         check_columns(file, model, text, &columns)?;
         let forces = model.measured_forces();
         let coordinates = columns.iter().filter_map(|column| match column {
-            Column::Coordinate(name, _) => Some((name.clone(), Vec::with_capacity(text.rows.len()))),
+            MotionColumn::Coordinate(name, _) => Some((name.clone(), Vec::with_capacity(text.rows.len()))),
             _ => None,
         });
         let mut table = MotionTable {
@@ -102,7 +102,7 @@ impl MotionTable {
         Ok(table)
     }
 
-    fn add(&mut self, file: &SourceFile, row: &Row, names: &[String], columns: &[Column]) -> Result<()> {
+    fn add(&mut self, file: &SourceFile, row: &Row, names: &[String], columns: &[MotionColumn]) -> Result<()> {
         let number = |index: usize, help: &str| {
             let field = &row.fields[index];
             field.parse::<f64>().ok().filter(|value| value.is_finite()).ok_or_else(|| {
@@ -120,7 +120,7 @@ impl MotionTable {
         let mut coordinate = 0;
         for (index, column) in columns.iter().enumerate() {
             match column {
-                Column::Time => {
+                MotionColumn::Time => {
                     let time = number(index, "time is in seconds")?;
                     if let Some(last) = self.time.last().filter(|last| **last >= time) {
                         let message = format!("line {}: time {time} s is not later than {last} s", row.line);
@@ -133,15 +133,15 @@ impl MotionTable {
                     }
                     self.time.push(time);
                 }
-                Column::Force(force, axis) => {
+                MotionColumn::Force(force, axis) => {
                     self.forces[*force].1[*axis].push(number(index, "forces are in newtons")?)
                 }
-                Column::Coordinate(_, factor) => {
+                MotionColumn::Coordinate(_, factor) => {
                     let value = number(index, "fill gaps beforehand: Sinew does not guess measurements")?;
                     self.columns[coordinate].1.push(value * factor);
                     coordinate += 1;
                 }
-                Column::Ignored => {}
+                MotionColumn::Ignored => {}
             }
         }
         Ok(())
@@ -169,10 +169,10 @@ impl MotionTable {
 }
 
 /// The meaning of the column named `field`.
-fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) -> Result<Column> {
+fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) -> Result<MotionColumn> {
     let is_storage = text.in_degrees.is_some();
     if field == "time" || (!is_storage && field == "time_s") {
-        return Ok(Column::Time);
+        return Ok(MotionColumn::Time);
     }
     let forces = model.measured_forces();
     let of_force = |(k, force): (usize, &&str)| {
@@ -180,7 +180,7 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
         Some((k, ["_x_n", "_y_n", "_z_n"].iter().position(|ending| *ending == axis)?))
     };
     if let Some((force, axis)) = forces.iter().enumerate().find_map(of_force) {
-        return Ok(Column::Force(force, axis));
+        return Ok(MotionColumn::Force(force, axis));
     }
     let (name, unit) = match field.rsplit_once('_') {
         Some((name, unit @ ("deg" | "rad" | "m"))) if !is_storage => (name, Some(unit)),
@@ -191,7 +191,7 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
     let coordinates = model.joint_coordinates();
     let Some(&(coordinate, angular)) = coordinates.iter().find(|(known, _)| *known == short) else {
         if is_storage {
-            return Ok(Column::Ignored); // storage files contain all coordinates of the subject
+            return Ok(MotionColumn::Ignored); // storage files contain all coordinates of the subject
         }
         let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
         let near = nearest(short, known.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
@@ -209,17 +209,17 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
             return Err(text.error(file, format!("the column `{field}` has no valid unit"), &help));
         }
     };
-    Ok(Column::Coordinate(coordinate.to_owned(), factor))
+    Ok(MotionColumn::Coordinate(coordinate.to_owned(), factor))
 }
 
 /// Checks that there is one time column, at least one coordinate, no coordinate twice, and all three columns of each
 /// force.
-fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[Column]) -> Result<()> {
-    let named = |wanted: &dyn Fn(&Column) -> bool| {
+fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[MotionColumn]) -> Result<()> {
+    let named = |wanted: &dyn Fn(&MotionColumn) -> bool| {
         let found = columns.iter().zip(&text.names).enumerate().filter(|(_, (column, _))| wanted(column));
         found.map(|(k, (_, name))| format!("{} (`{name}`)", k + 1)).collect::<Vec<String>>()
     };
-    let times = named(&|column| matches!(column, Column::Time));
+    let times = named(&|column| matches!(column, MotionColumn::Time));
     if times.is_empty() {
         return Err(text.error(file, "there is no column `time`", "name the column of instants in seconds `time`"));
     }
@@ -230,7 +230,7 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
     let coordinates = model.joint_coordinates();
     let mut has_coordinate = false;
     for (coordinate, _) in &coordinates {
-        let own = named(&|column| matches!(column, Column::Coordinate(name, _) if name == coordinate));
+        let own = named(&|column| matches!(column, MotionColumn::Coordinate(name, _) if name == coordinate));
         has_coordinate |= !own.is_empty();
         if own.len() > 1 {
             let message = format!("the joint coordinate `{coordinate}` has {} columns: {}", own.len(), own.join(", "));
@@ -243,7 +243,7 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
         return Err(text.error(file, message, &format!("the model has: {}", known.join(", "))));
     }
     for (k, force) in model.measured_forces().iter().enumerate() {
-        let present = named(&|column| matches!(column, Column::Force(own, _) if *own == k)).len();
+        let present = named(&|column| matches!(column, MotionColumn::Force(own, _) if *own == k)).len();
         if present != 3 {
             let message = format!("the external force `{force}` has {present} of its three columns");
             let help =

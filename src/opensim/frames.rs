@@ -23,14 +23,14 @@ struct Offset<'d> {
 
 /// A frame on a body.
 #[derive(Clone, Copy, Debug)]
-pub struct Placed<'d> {
+pub struct PlacedFrame<'d> {
     pub body: &'d str,
     pub frame: Frame<f64>,
     /// Point and rotations about x, y and z as in the file, if it gives them directly.
     as_written: Option<([f64; 3], [f64; 3])>,
 }
 
-impl<'d> Placed<'d> {
+impl<'d> PlacedFrame<'d> {
     /// The frame of the body itself.
     pub fn on(body: &'d str) -> Self {
         Self::at(body, [0.0; 3], [0.0; 3])
@@ -86,7 +86,7 @@ impl<'d> Frames<'d> {
     ///
     /// # Errors
     /// If there is no such frame, or if frames refer to each other in a circle.
-    pub fn find(&self, by: Element<'d>, path: &'d str, owner: &str) -> Result<Placed<'d>> {
+    pub fn find(&self, by: Element<'d>, path: &'d str, owner: &str) -> Result<PlacedFrame<'d>> {
         let mut chain = Vec::new();
         let (mut path, mut owner) = (path, owner);
         let body = loop {
@@ -114,7 +114,7 @@ impl<'d> Frames<'d> {
                 None => return Err(by.error(format!("there is no body or frame `{path}`"), &self.known())),
             }
         };
-        chain.iter().rev().try_fold(Placed::on(body), |placed, offset| {
+        chain.iter().rev().try_fold(PlacedFrame::on(body), |placed, offset| {
             let point = offset.vector("translation")?.unwrap_or_default();
             Ok(placed.within(point, offset.vector("orientation")?.unwrap_or_default()))
         })

@@ -1,7 +1,7 @@
 //! Reads bodies, joints with their coordinates, and constraints.
 
 use super::document::Element;
-use super::frames::{Frames, Placed};
+use super::frames::{Frames, PlacedFrame};
 use super::function::function_of;
 use super::{Notes, Reader};
 use crate::error::Result;
@@ -55,7 +55,7 @@ pub struct Found<'d> {
 }
 
 /// A joint that was read, with its coordinates.
-pub struct Joint {
+pub struct ReadJoint {
     pub entry: JointEntry,
     pub coordinates: Vec<CoordinateEntry>,
 }
@@ -91,7 +91,7 @@ pub fn check_kinds(joints: &[Found<'_>]) -> Result<()> {
 ///
 /// # Errors
 /// If a frame is missing or unknown, or a number is not valid.
-pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> Result<Joint> {
+pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> Result<ReadJoint> {
     let element = found.element;
     let name = if element.name().is_empty() { found.within.unwrap_or("joint") } else { element.name() };
     let (mut parent, mut child) = ends(&reader.frames, found, name)?;
@@ -150,11 +150,11 @@ pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> R
     (entry.parent_point, entry.parent_rotation) = parent.point_and_rotation();
     (entry.child_point, entry.child_rotation) = child.point_and_rotation();
     let coordinates = complete(&entry, coordinates, notes);
-    Ok(Joint { entry, coordinates })
+    Ok(ReadJoint { entry, coordinates })
 }
 
-/// Joint frames on the parent and on the child.
-fn ends<'d>(frames: &Frames<'d>, found: &Found<'d>, name: &str) -> Result<(Placed<'d>, Placed<'d>)> {
+/// ReadJoint frames on the parent and on the child.
+fn ends<'d>(frames: &Frames<'d>, found: &Found<'d>, name: &str) -> Result<(PlacedFrame<'d>, PlacedFrame<'d>)> {
     let element = found.element;
     let Some(within) = found.within else {
         let end = |socket: &str| {
@@ -168,12 +168,12 @@ fn ends<'d>(frames: &Frames<'d>, found: &Found<'d>, name: &str) -> Result<(Place
     let Some(parent) = element.text("parent_body") else {
         return Err(element.error("the joint has no <parent_body>", "name the parent body"));
     };
-    let placed = |body: Placed<'d>, point: &str, rotation: &str| -> Result<Placed<'d>> {
+    let placed = |body: PlacedFrame<'d>, point: &str, rotation: &str| -> Result<PlacedFrame<'d>> {
         let point = element.vector(point)?.unwrap_or_default();
-        Ok(Placed::at(body.body, point, element.vector(rotation)?.unwrap_or_default()))
+        Ok(PlacedFrame::at(body.body, point, element.vector(rotation)?.unwrap_or_default()))
     };
     let parent = placed(frames.find(element, parent, name)?, "location_in_parent", "orientation_in_parent")?;
-    Ok((parent, placed(Placed::on(within), "location", "orientation")?))
+    Ok((parent, placed(PlacedFrame::on(within), "location", "orientation")?))
 }
 
 /// Reads the coordinates of a joint.
@@ -215,7 +215,7 @@ fn complete(entry: &JointEntry, described: Vec<CoordinateEntry>, notes: &mut Not
 fn custom<'d>(
     element: Element<'d>,
     entry: &mut JointEntry,
-    (parent, child): (&mut Placed<'d>, &mut Placed<'d>),
+    (parent, child): (&mut PlacedFrame<'d>, &mut PlacedFrame<'d>),
     notes: &mut Notes,
 ) -> Result<()> {
     let (rotations, translations) = transforms(element, notes)?;
@@ -252,13 +252,13 @@ struct Transform<'d> {
 
 /// The part of a transform that is not constant: a coordinate, with the sign of the axis and a function (`None`: the
 /// coordinate itself).
-struct Moving<'d> {
+struct MovingAxis<'d> {
     coordinate: &'d str,
     sign: f64,
     by: Option<FunctionEntry>,
 }
 
-impl Moving<'_> {
+impl MovingAxis<'_> {
     fn along(self, axis: [f64; 3]) -> AxisEntry {
         AxisEntry { coordinate: self.coordinate.to_owned(), axis: axis.map(|x| self.sign * x), by: self.by }
     }
@@ -266,21 +266,24 @@ impl Moving<'_> {
 
 impl<'d> Transform<'d> {
     /// Splits the function into its constant and the rest, if there is a rest.
-    fn split(&self) -> (f64, Option<Moving<'d>>) {
+    fn split(&self) -> (f64, Option<MovingAxis<'d>>) {
         let coefficients = match &self.function {
             FunctionEntry::Polynomial(c) => c,
             by => {
-                return (0.0, self.coordinate.map(|coordinate| Moving { coordinate, sign: 1.0, by: Some(by.clone()) }));
+                return (
+                    0.0,
+                    self.coordinate.map(|coordinate| MovingAxis { coordinate, sign: 1.0, by: Some(by.clone()) }),
+                );
             }
         };
         let offset = coefficients.first().copied().unwrap_or(0.0);
         let moving = self.coordinate.and_then(|coordinate| match coefficients.get(1..).unwrap_or_default() {
             [] => None,
             slopes if slopes.iter().all(|x| *x == 0.0) => None,
-            [sign] if sign.abs() == 1.0 => Some(Moving { coordinate, sign: *sign, by: None }),
+            [sign] if sign.abs() == 1.0 => Some(MovingAxis { coordinate, sign: *sign, by: None }),
             slopes => {
                 let by = FunctionEntry::Polynomial([&[0.0], slopes].concat());
-                Some(Moving { coordinate, sign: 1.0, by: Some(by) })
+                Some(MovingAxis { coordinate, sign: 1.0, by: Some(by) })
             }
         });
         (offset, moving)

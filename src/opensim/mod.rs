@@ -123,7 +123,7 @@ impl<'d> Reader<'d> {
 }
 
 /// True if a file is an OpenSim model, by its extension.
-pub fn is_one(file: &SourceFile) -> bool {
+pub fn is_osim(file: &SourceFile) -> bool {
     file.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("osim"))
 }
 

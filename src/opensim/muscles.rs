@@ -1,7 +1,7 @@
 //! Reads muscles with their paths, and wrapping surfaces.
 
 use super::document::Element;
-use super::frames::{Frames, Placed};
+use super::frames::{Frames, PlacedFrame};
 use super::function::function_of;
 use super::{Notes, Reader};
 use crate::error::Result;
@@ -222,7 +222,7 @@ pub fn surfaces<'d>(frames: &Frames<'d>, owner: Element<'d>, notes: &mut Notes) 
         return Ok(Vec::new());
     }
     let placed = match owner.tag() {
-        "Body" | "Ground" => Placed::on(if owner.tag() == "Ground" { "ground" } else { owner.name() }),
+        "Body" | "Ground" => PlacedFrame::on(if owner.tag() == "Ground" { "ground" } else { owner.name() }),
         _ => frames.find(owner, owner.name(), owner.name())?,
     };
     let mut found = Vec::new();

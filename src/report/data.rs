@@ -5,10 +5,10 @@ use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
 
-use crate::compare::{Tolerances, Verdict, compare};
+use crate::compare::{JobComparison, Tolerances, compare};
 use crate::error::{Error, Result};
 use crate::model::curves::{ForceVelocity, Jet, active_force_length, passive_force_length, tendon_force};
-use crate::plausibility::KINDS;
+use crate::plausibility::WARNING_KINDS;
 use crate::run::manifest::Manifest;
 use crate::table1::THESIS;
 use crate::tables::{self, Table, Values, schema};
@@ -49,7 +49,7 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
         return Err(Error::table("report on", dir, reason));
     };
     let mut notes: Vec<String> = manifest
-        .altered(dir)
+        .altered_files(dir)
         .into_iter()
         .map(|name| format!("{name} is not the file recorded in the manifest"))
         .collect();
@@ -77,7 +77,7 @@ pub fn gather(dir: &Path, baseline: Option<&Path>) -> Result<Json> {
         "base": manifest.base,
         "tables": found,
         "notes": notes,
-        "warnings": KINDS.map(|kind| json!({ "code": kind.code, "limit": kind.limit, "remedy": kind.remedy })),
+        "warnings": WARNING_KINDS.map(|kind| json!({ "code": kind.code, "limit": kind.limit, "remedy": kind.remedy })),
         "thesis": THESIS.map(|(grid, bounds, a, aj)| json!({ "grid": grid, "bounds": bounds, "a": a, "aj": aj })),
         "curves": curves(),
         "beside": beside,
@@ -181,7 +181,7 @@ fn baseline_data(dir: &Path, baseline: &Path, notes: &mut Vec<String>) -> Result
     let counts: BTreeMap<&str, usize> = comparison.counts();
     let mut changes = Vec::new();
     for (job, verdict) in &comparison.jobs {
-        if let Verdict::Changed { cells } = verdict {
+        if let JobComparison::Changed { cells } = verdict {
             changes.extend(cells.iter().map(|change| {
                 json!({ "job": job.index, "job_id": job.job_id, "table": change.table, "row": change.row,
                         "column": change.column, "baseline": change.baseline, "found": change.found,
@@ -202,5 +202,5 @@ fn baseline_data(dir: &Path, baseline: &Path, notes: &mut Vec<String>) -> Result
             old.insert(name.to_owned(), columns(&table, rows));
         }
     }
-    Ok(json!({ "folder": baseline, "counts": counts, "gone": comparison.gone, "changes": changes, "tables": old }))
+    Ok(json!({ "folder": baseline, "counts": counts, "gone": comparison.removed, "changes": changes, "tables": old }))
 }

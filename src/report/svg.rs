@@ -28,7 +28,7 @@ pub fn figures(dir: &Path, report: &Json, job: Option<u64>) -> Result<BTreeMap<S
 }
 
 /// Hash of the drawing code. It changes whenever the figures may change.
-pub fn drawn_by() -> String {
+pub fn drawing_code_hash() -> String {
     let mut hasher = blake3::Hasher::new();
     for script in [CHARTS, FIGURES, DRIVER] {
         hasher.update(script.as_bytes());
@@ -49,5 +49,5 @@ fn draw_all<'js>(ctx: &Ctx<'js>, report: &Json, job: Option<u64>) -> rquickjs::R
         ctx.eval::<(), _>(script)?;
     }
     let draw: Function<'js> = ctx.eval("sinewSvg")?;
-    draw.call((ctx.json_parse(report.to_string())?, drawn_by(), job))
+    draw.call((ctx.json_parse(report.to_string())?, drawing_code_hash(), job))
 }

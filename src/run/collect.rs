@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::folder::{Hold, claim, table};
+use super::folder::{FolderLock, check_ownership, table};
 use super::manifest::{self, Manifest, file_hash};
 use super::store::Store;
 use crate::error::{Error, Result};
@@ -45,7 +45,7 @@ impl Collected {
 /// Writes all tables and the manifest from the finished jobs, in the order of the study.
 pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<Collected> {
     // One writer at a time: a merge may coincide with another one, or with the end of a run.
-    let _hold = Hold::take(folder)?;
+    let _hold = FolderLock::take(folder)?;
     let columns = Columns::of(study);
     let file = |name: &str| table(folder, name);
     let provenance = manifest::provenance(study);
@@ -92,7 +92,7 @@ pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<C
 /// If the folder contains no plan, or its finished jobs cannot be read.
 pub fn merge(folder: &Path) -> Result<(Study, Collected)> {
     let study = planned(folder)?;
-    claim(folder)?;
+    check_ownership(folder)?;
     let mut store = Store::read(folder)?;
     if !store.has_files() {
         let reason = "it contains no finished jobs (there is no finished….jsonl)";

@@ -20,7 +20,7 @@ pub fn table(folder: &Path, name: &str) -> PathBuf {
 ///
 /// # Errors
 /// If a file with one of Sinew's names was not written by Sinew, or is a link.
-pub fn claim(folder: &Path) -> Result<Option<Manifest>> {
+pub fn check_ownership(folder: &Path) -> Result<Option<Manifest>> {
     let refuse = |path: &Path, reason: &str| {
         let help = "choose another --out, or move it away";
         Err(Error::table("write over", path, format!("{reason}; {help}")))
@@ -51,11 +51,11 @@ pub fn claim(folder: &Path) -> Result<Option<Manifest>> {
 }
 
 /// A lock on a folder's tables and manifest, released when dropped.
-pub struct Hold {
+pub struct FolderLock {
     _lock: File,
 }
 
-impl Hold {
+impl FolderLock {
     /// Waits for the lock, and removes the partial files that dead processes have left behind.
     ///
     /// # Errors
@@ -84,6 +84,6 @@ fn is_partial(name: &str) -> bool {
 }
 
 /// Whether another process has locked a file of finished jobs, to write to it.
-pub fn is_held(path: &Path) -> bool {
+pub fn is_locked(path: &Path) -> bool {
     File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }

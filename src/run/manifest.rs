@@ -10,7 +10,7 @@ use serde_json::{Map, Value as Json};
 
 use crate::SOLVER;
 use crate::error::{Error, Result};
-use crate::files::{as_text, write_whole};
+use crate::files::{as_text, write_atomically};
 use crate::study::settings::Value;
 use crate::study::sources::Sources;
 use crate::study::{Job, Study};
@@ -175,11 +175,11 @@ impl Manifest {
 
     /// Writes the manifest, whole or not at all.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        write_whole(&folder.join(FILE), serde_json::to_vec(self).expect("a manifest is plain data"))
+        write_atomically(&folder.join(FILE), serde_json::to_vec(self).expect("a manifest is plain data"))
     }
 
     /// Files of a folder that differ from those recorded in the manifest.
-    pub fn altered(&self, folder: &Path) -> Vec<String> {
+    pub fn altered_files(&self, folder: &Path) -> Vec<String> {
         let same = |(name, hash): &(&String, &String)| file_hash(&folder.join(name)).is_ok_and(|found| found == **hash);
         self.files.iter().filter(|file| !same(file)).map(|(name, _)| name.clone()).collect()
     }

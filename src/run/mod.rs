@@ -33,7 +33,7 @@ use crate::tables::schema;
 use crate::terminal;
 use crate::warm::Answer;
 use collect::write_tables;
-use folder::Hold;
+use folder::FolderLock;
 use known::Known;
 use manifest::Manifest;
 use progress::Progress;
@@ -139,7 +139,7 @@ pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: 
     quiet_workers();
 
     let todo = Todo::new(study, &store, options);
-    freeze(study, options, existing, todo.count > 0)?;
+    write_plan(study, options, existing, todo.count > 0)?;
     let known = Known::new(study, &options.out, &store, todo.jobs())?;
     let mut session = Session::new(study, store, todo.count, stop);
     session.work(&pool, &todo.blocks, |block, finish| {
@@ -385,7 +385,7 @@ fn quiet_workers() {
 /// Refuses to overwrite files that no run has written or the results of another study, and to mix shards of different
 /// plans. Returns the existing manifest.
 pub fn check_folder(study: &Study, options: &RunOptions) -> Result<Option<Manifest>> {
-    let Some(manifest) = folder::claim(&options.out)? else { return Ok(None) };
+    let Some(manifest) = folder::check_ownership(&options.out)? else { return Ok(None) };
     let refuse = |reason: String| Err(Error::table("run in", &options.out, reason));
     if options.fresh {
         return Ok(Some(manifest));
@@ -409,14 +409,14 @@ pub fn check_folder(study: &Study, options: &RunOptions) -> Result<Option<Manife
 /// Writes the plan before the first job starts. If there are jobs to solve (`work`), removes the tables of an earlier
 /// run: if this run were interrupted, they would be mistaken for its own. They can be made again from the finished jobs
 /// at any time.
-pub fn freeze(study: &Study, options: &RunOptions, existing: Option<Manifest>, work: bool) -> Result<()> {
+pub fn write_plan(study: &Study, options: &RunOptions, existing: Option<Manifest>, work: bool) -> Result<()> {
     let same = |manifest: &Manifest| {
         manifest.study.hash == study.hash() && manifest.sources.study.text == study.sources.study.text
     };
     if options.shard.is_some() && existing.as_ref().is_some_and(same) {
         return Ok(());
     }
-    let _hold = Hold::take(&options.out)?;
+    let _hold = FolderLock::take(&options.out)?;
     let mut files = existing.map(|manifest| manifest.files).unwrap_or_default();
     if work && options.shard.is_none() {
         files.clear();

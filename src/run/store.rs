@@ -15,7 +15,7 @@ use std::time::SystemTime;
 use serde::{Deserialize, Serialize};
 
 use super::Shard;
-use super::folder::is_held;
+use super::folder::is_locked;
 use crate::SOLVER;
 use crate::error::{Error, Result};
 use crate::files::partial;
@@ -59,7 +59,7 @@ impl Header {
     }
 }
 
-struct Entry {
+struct StoredJob {
     header: Header,
     file: usize,
     /// Where the outcome's text begins.
@@ -78,7 +78,7 @@ struct OwnFile {
 #[derive(Default)]
 pub struct Store {
     files: Vec<PathBuf>,
-    entries: HashMap<String, Entry>,
+    entries: HashMap<String, StoredJob>,
     /// The file that this process writes to.
     own: Option<OwnFile>,
     /// The file last read from. Only one is open at a time: there may be more shards than files that a process may
@@ -176,7 +176,7 @@ impl Store {
         let paths = Self::paths(folder)?;
         if fresh {
             let others: Vec<&PathBuf> = paths.iter().filter(|path| **path != own).collect();
-            if let Some(held) = others.iter().find(|path| is_held(path)) {
+            if let Some(held) = others.iter().find(|path| is_locked(path)) {
                 return Err(Error::io("remove", held, std::io::Error::other(BUSY)));
             }
             for path in others {
@@ -266,8 +266,8 @@ impl Store {
     }
 
     /// Whether some process is writing to the folder.
-    pub fn at_work(folder: &Path) -> bool {
-        Self::paths(folder).is_ok_and(|paths| paths.iter().any(|path| is_held(path)))
+    pub fn is_in_use(folder: &Path) -> bool {
+        Self::paths(folder).is_ok_and(|paths| paths.iter().any(|path| is_locked(path)))
     }
 
     /// Reads all lines of a file. Returns where the last complete one ends.
@@ -280,7 +280,7 @@ impl Store {
             match line_at(file, end, size).map_err(failed)? {
                 Some((header, offset)) => {
                     end = offset + header.length as u64 + 2;
-                    self.insert(Entry { header, file: place, offset });
+                    self.insert(StoredJob { header, file: place, offset });
                 }
                 None => {
                     self.damaged += 1;
@@ -295,10 +295,10 @@ impl Store {
         Ok(end)
     }
 
-    fn insert(&mut self, entry: Entry) {
+    fn insert(&mut self, entry: StoredJob) {
         let known = self.entries.get(&entry.header.job_id);
         // Within a file, the lines are in chronological order.
-        let later = |known: &Entry| known.file == entry.file || known.header.time_ms <= entry.header.time_ms;
+        let later = |known: &StoredJob| known.file == entry.file || known.header.time_ms <= entry.header.time_ms;
         if known.is_none_or(later) {
             self.entries.insert(entry.header.job_id.clone(), entry);
         }
@@ -350,7 +350,7 @@ impl Store {
         *end += lines.iter().map(|line| line.len() as u64).sum::<u64>();
         for line in lines {
             let (header, start) = parse(line).expect("a line made by `line`");
-            let entry = Entry { header, file: place, offset: offset + start as u64 };
+            let entry = StoredJob { header, file: place, offset: offset + start as u64 };
             self.entries.insert(entry.header.job_id.clone(), entry);
             offset += line.len() as u64;
         }
@@ -461,9 +461,9 @@ mod tests {
         again.add(&[line("c", &outcome("three"), false, 0)]).unwrap();
         let store = Store::read(folder.path()).unwrap();
         assert!(["a", "b", "c"].iter().all(|id| store.get(id).is_some()));
-        assert!(Store::at_work(folder.path()));
+        assert!(Store::is_in_use(folder.path()));
         assert!(Store::open(folder.path(), None, true).is_err(), "files in use are not discarded");
         drop((one, two, again));
-        assert!(!Store::at_work(folder.path()));
+        assert!(!Store::is_in_use(folder.path()));
     }
 }

@@ -419,7 +419,7 @@ impl SkeletonFile {
     }
 
     /// True if the table is a spatial model.
-    pub fn is_one(table: &toml::Table) -> bool {
+    pub fn is_spatial(table: &toml::Table) -> bool {
         table.contains_key("dimensions")
     }
 

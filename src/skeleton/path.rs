@@ -14,7 +14,7 @@ use num_dual::Dual64;
 use super::frame::{Frame, Vector, minus, norm, unit};
 use super::function::Function;
 use super::surface::Shape;
-use super::wrapping::{Placed, touches};
+use super::wrapping::{PlacedSurface, touches};
 use super::{Muscle, Skeleton};
 use crate::numerics::Scalar;
 
@@ -80,7 +80,7 @@ impl PathPoint {
     }
 
     /// True if the path passes through the point in the pose `q`.
-    pub fn is_met(&self, q: &[f64]) -> bool {
+    pub fn is_active(&self, q: &[f64]) -> bool {
         self.when.is_none_or(|(coordinate, [low, high])| (low..=high).contains(&q[coordinate]))
     }
 
@@ -122,22 +122,22 @@ pub struct Routed<'p> {
 impl MusclePath {
     /// The course of the path in the pose `q`, with the bodies at `frames`.
     pub fn route<'p>(&'p self, skeleton: &Skeleton, q: &[f64], frames: &[Frame<f64>]) -> Routed<'p> {
-        let active: Vec<usize> = (0..self.points.len()).filter(|&i| self.points[i].is_met(q)).collect();
+        let active: Vec<usize> = (0..self.points.len()).filter(|&i| self.points[i].is_active(q)).collect();
         let place = |&i: &usize| frames[self.points[i].body].point(&self.points[i].local(q));
         let places: Vec<Vector> = active.iter().map(place).collect();
         let mut routed = Routed { length: 0.0, touched: Vec::new(), straight: Vec::new(), through_torus: false };
         if active.len() < 2 {
             return routed;
         }
-        let known: Vec<(usize, Placed<'_>)> = (self.surfaces.iter())
+        let known: Vec<(usize, PlacedSurface<'_>)> = (self.surfaces.iter())
             .filter_map(|obstacle| {
                 let segments = obstacle.segments(&active)?;
                 let surface = &skeleton.surfaces[obstacle.surface];
                 let frame = frames[surface.body] * surface.frame;
-                Some((obstacle.surface, Placed { frame, shape: &surface.shape, segments }))
+                Some((obstacle.surface, PlacedSurface { frame, shape: &surface.shape, segments }))
             })
             .collect();
-        let (surfaces, placed): (Vec<usize>, Vec<Placed<'_>>) = known.into_iter().unzip();
+        let (surfaces, placed): (Vec<usize>, Vec<PlacedSurface<'_>>) = known.into_iter().unzip();
         let touches = touches(&places, &placed, &[]);
         let mut touches = touches.iter().peekable();
         for (segment, pair) in active.windows(2).enumerate() {

@@ -95,11 +95,11 @@ impl Wrap {
         }
     }
 
-    /// Applies [`Contact::seen_from`] to the contact, if there is one.
-    pub fn seen_from(self, frame: &Frame<f64>) -> Self {
+    /// Applies [`Contact::transformed`] to the contact, if there is one.
+    pub fn transformed(self, frame: &Frame<f64>) -> Self {
         match self {
-            Wrap::Possible(contact) => Wrap::Possible(contact.seen_from(frame)),
-            Wrap::Certain(contact) => Wrap::Certain(contact.seen_from(frame)),
+            Wrap::Possible(contact) => Wrap::Possible(contact.transformed(frame)),
+            Wrap::Certain(contact) => Wrap::Certain(contact.transformed(frame)),
             other => other,
         }
     }
@@ -121,7 +121,7 @@ impl Contact {
     }
 
     /// Transforms the contact from `frame` to the frame in which `frame` is given.
-    pub fn seen_from(self, frame: &Frame<f64>) -> Self {
+    pub fn transformed(self, frame: &Frame<f64>) -> Self {
         Contact { first: frame.point(&self.first), last: frame.point(&self.last), ..self }
     }
 }

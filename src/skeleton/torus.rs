@@ -25,7 +25,7 @@ pub fn around_torus(ring: f64, tube: f64, side: Option<Side>, a: &Vector, b: &Ve
     let inner = Side { axis: 0, sign: 1.0 };
     let cylinder = Shape::Cylinder { radius: tube, side: Some(inner), length: LENGTH };
     match cylinder.wrap(&to_cylinder.point(a), &to_cylinder.point(b), None) {
-        Wrap::Possible(contact) | Wrap::Certain(contact) => Wrap::Possible(contact.seen_from(&frame)),
+        Wrap::Possible(contact) | Wrap::Certain(contact) => Wrap::Possible(contact.transformed(&frame)),
         other => other,
     }
 }

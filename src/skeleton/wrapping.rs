@@ -16,7 +16,7 @@ use super::frame::{Frame, Vector, minus, norm};
 use super::surface::{Contact, Shape, Wrap};
 
 /// A surface in a pose.
-pub struct Placed<'s> {
+pub struct PlacedSurface<'s> {
     /// Frame of the surface in the ground's frame.
     pub frame: Frame<f64>,
     pub shape: &'s Shape,
@@ -57,7 +57,7 @@ thread_local! {
 /// The surfaces that the path through `points` (in the ground's frame, m) touches, in path order.
 ///
 /// `near`: the touches of a path nearby as a starting guess, or empty.
-pub fn touches(points: &[Vector], surfaces: &[Placed<'_>], near: &[Touch]) -> Vec<Touch> {
+pub fn touches(points: &[Vector], surfaces: &[PlacedSurface<'_>], near: &[Touch]) -> Vec<Touch> {
     if surfaces.is_empty() {
         return Vec::new();
     }
@@ -88,14 +88,14 @@ pub fn touches(points: &[Vector], surfaces: &[Placed<'_>], near: &[Touch]) -> Ve
 /// State of the search for a taut path.
 struct PathSearch<'p> {
     points: &'p [Vector],
-    surfaces: &'p [Placed<'p>],
+    surfaces: &'p [PlacedSurface<'p>],
     /// Transform from the ground's frame to that of each surface.
     to_surface: Vec<Frame<f64>>,
     touches: Vec<Touch>,
 }
 
 impl<'p> PathSearch<'p> {
-    fn new(points: &'p [Vector], surfaces: &'p [Placed<'p>]) -> Self {
+    fn new(points: &'p [Vector], surfaces: &'p [PlacedSurface<'p>]) -> Self {
         let to_surface = surfaces.iter().map(|surface| surface.frame.inverse()).collect();
         Self { points, surfaces, to_surface, touches: Vec::new() }
     }
@@ -195,10 +195,10 @@ impl<'p> PathSearch<'p> {
 
     /// Relation of a surface to the line from `a` to `b`, all in the ground's frame.
     fn wrap(&self, surface: usize, a: &Vector, b: &Vector, near: Option<&Contact>) -> Wrap {
-        let Placed { frame, shape, .. } = &self.surfaces[surface];
+        let PlacedSurface { frame, shape, .. } = &self.surfaces[surface];
         let to_surface = &self.to_surface[surface];
-        let near = near.map(|contact| contact.seen_from(to_surface));
-        shape.wrap(&to_surface.point(a), &to_surface.point(b), near.as_ref()).seen_from(frame)
+        let near = near.map(|contact| contact.transformed(to_surface));
+        shape.wrap(&to_surface.point(a), &to_surface.point(b), near.as_ref()).transformed(frame)
     }
 
     /// Recomputes each contact between its neighbours, in sweeps over the path, until none moves. Surfaces that lose

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use std::sync::Arc;
 
-use super::settings::{Complaint, Girdle, Value, describe};
+use super::settings::{Girdle, InvalidValue, Value, describe};
 use crate::error::{Issue, nearest};
 use crate::model::Model;
 use crate::model::file::ModelFile;
@@ -68,7 +68,7 @@ fn canonical(model: &toml::Table, path: &str) -> String {
 ///
 /// # Errors
 /// If nothing matches.
-pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complaint> {
+pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, InvalidValue> {
     if !path.contains('*') {
         return Ok(vec![canonical(model, path)]);
     }
@@ -100,7 +100,7 @@ pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, Complain
         }
         if next.is_empty() {
             let beginning = keys[..=depth].join(".");
-            return Err(Complaint::new(
+            return Err(InvalidValue::new(
                 format!("nothing in the model matches `{beginning}`"),
                 "* matches any characters of one name, as in muscle.*.tendon_slack_length_scale",
             ));
@@ -138,10 +138,12 @@ pub fn number_at(model: &toml::Table, path: &str) -> Option<f64> {
 }
 
 impl ModelChange {
-    pub fn new(path: &str, value: &Value) -> Result<Self, Complaint> {
+    pub fn new(path: &str, value: &Value) -> Result<Self, InvalidValue> {
         match value.number() {
             Some(value) if value.is_finite() => Ok(Self { path: path.to_owned(), value: value + 0.0 }), // no −0
-            _ => Err(Complaint::new(format!("found {}", describe(value)), "a parameter of the model must be finite")),
+            _ => {
+                Err(InvalidValue::new(format!("found {}", describe(value)), "a parameter of the model must be finite"))
+            }
         }
     }
 
@@ -151,7 +153,7 @@ impl ModelChange {
     }
 
     /// Whether the change leaves the model as it is.
-    pub fn is_idle(&self, model: &toml::Table) -> bool {
+    pub fn has_no_effect(&self, model: &toml::Table) -> bool {
         if self.is_factor() { self.value == 1.0 } else { number_at(model, &self.path) == Some(self.value) }
     }
 
@@ -159,7 +161,7 @@ impl ModelChange {
     ///
     /// # Errors
     /// If the path does not lead to a number. The help says where it fails and which keys are there.
-    pub fn apply(&self, table: &mut toml::Table) -> Result<(), Complaint> {
+    pub fn apply(&self, table: &mut toml::Table) -> Result<(), InvalidValue> {
         let keys: Vec<&str> = self.path.split('.').collect();
         // force.<name>_scale scales force and moment together.
         if let ["force", name] = keys[..]
@@ -189,7 +191,7 @@ impl ModelChange {
         result
     }
 
-    fn walk(&self, place: &mut toml::Value, keys: &[&str]) -> Result<(), Complaint> {
+    fn walk(&self, place: &mut toml::Value, keys: &[&str]) -> Result<(), InvalidValue> {
         let (key, rest) = keys.split_first().expect("split gives at least one key");
         match place {
             toml::Value::Table(table) => {
@@ -214,7 +216,7 @@ impl ModelChange {
                         items[i] = toml::Value::Float(self.value);
                         Ok(())
                     }
-                    Some(_) => Err(Complaint::new(
+                    Some(_) => Err(InvalidValue::new(
                         format!("`{}` is not a numeric parameter of the model", self.path),
                         "continue the path with `.` and the key of a number",
                     )),
@@ -224,11 +226,11 @@ impl ModelChange {
                     }
                 }
             }
-            _ => Err(Complaint::new(format!("`{}` continues past a number", self.path), "shorten the path")),
+            _ => Err(InvalidValue::new(format!("`{}` continues past a number", self.path), "shorten the path")),
         }
     }
 
-    fn set(&self, table: &mut toml::Table, key: &str) -> Result<(), Complaint> {
+    fn set(&self, table: &mut toml::Table, key: &str) -> Result<(), InvalidValue> {
         if let Some(base) = key.strip_suffix("_scale")
             && !table.contains_key(key)
         {
@@ -237,14 +239,14 @@ impl ModelChange {
                 None => return Err(self.no_such_key(base, table.keys().map(String::as_str))),
             };
             return scale(value, self.value).ok_or_else(|| {
-                Complaint::new(
+                InvalidValue::new(
                     format!("`{base}` is not a number and cannot be scaled"),
                     "only numbers and lists of numbers can be scaled",
                 )
             });
         }
         match table.get(key) {
-            Some(value) if !is_number(value) => Err(Complaint::new(
+            Some(value) if !is_number(value) => Err(InvalidValue::new(
                 format!("`{}` is not a numeric parameter of the model", self.path),
                 "only numbers can be changed",
             )),
@@ -256,10 +258,10 @@ impl ModelChange {
         }
     }
 
-    fn no_such_key<'a>(&self, key: &str, present: impl Iterator<Item = &'a str>) -> Complaint {
+    fn no_such_key<'a>(&self, key: &str, present: impl Iterator<Item = &'a str>) -> InvalidValue {
         let present: Vec<&str> = present.collect();
         let near = nearest(key, present.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-        Complaint::new(
+        InvalidValue::new(
             format!("`{}`: the model has no `{key}` there", self.path),
             format!("{near}available: {}", present.join(", ")),
         )
@@ -284,15 +286,16 @@ fn scale(value: &mut toml::Value, factor: f64) -> Option<()> {
 ///
 /// # Errors
 /// The first change that cannot be applied, or why the changed model is invalid.
-pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdle) -> Result<Model, Complaint> {
+pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdle) -> Result<Model, InvalidValue> {
     let mut table = table.clone();
     for change in changes {
         change.apply(&mut table)?;
     }
     let unreadable =
-        |e: toml::de::Error| Complaint::new(e.message().to_owned(), "check the path against the model file");
-    let invalid = |i: Issue| Complaint::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
-    if SkeletonFile::is_one(&table) {
+        |e: toml::de::Error| InvalidValue::new(e.message().to_owned(), "check the path against the model file");
+    let invalid =
+        |i: Issue| InvalidValue::new(format!("{}: {}", i.path.join("."), i.message), i.help.unwrap_or_default());
+    if SkeletonFile::is_spatial(&table) {
         let file: SkeletonFile = table.try_into().map_err(unreadable)?;
         let skeleton = file.check().map_err(invalid)?;
         skeleton.check_study().map_err(invalid)?;

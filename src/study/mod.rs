@@ -16,7 +16,7 @@ use crate::deadline::Deadline;
 use crate::error::{Error, Issue, Mistakes, Result, SourceFile};
 use crate::model::file::{ModelFile, named};
 use crate::model::{Mechanics, Model};
-use crate::motion::{MotionSettings, MotionTable, Unmeasured};
+use crate::motion::{MeasurementError, MotionSettings, MotionTable};
 use crate::names;
 use crate::opensim;
 use crate::skeleton::Role;
@@ -26,7 +26,7 @@ use change::{ModelChange, changed_model};
 use file::StudyFile;
 use file::{OnFailure, OneOrMany, Ratio};
 use plan::Plan;
-use settings::{Complaint, RegularityMode, Settings, Value};
+use settings::{InvalidValue, RegularityMode, Settings, Value};
 use sources::Sources;
 
 /// Part of every job's identity. Raise it when the meaning of a result changes.
@@ -80,14 +80,14 @@ impl Study {
     /// The mistakes found first, with their places in the file.
     pub fn load(path: &Path) -> Result<Self> {
         let (sources, file) = Sources::read(path)?;
-        Self::of(sources, file)
+        Self::from_sources(sources, file)
     }
 
     /// Like [`Study::load`], for files that have been read already.
     ///
     /// # Errors
     /// The mistakes found first, with their places in the file.
-    pub fn of(sources: Sources, file: StudyFile) -> Result<Self> {
+    pub fn from_sources(sources: Sources, file: StudyFile) -> Result<Self> {
         let (model_table, model) = load_model(&sources.model)?;
         let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
         check_coverage(&model, &motion, &sources.motion)?;
@@ -137,7 +137,7 @@ impl Study {
     /// # Errors
     /// If the changes together make the model invalid. (Only in a study with very many changed models, of which not all
     /// are checked when it is loaded.)
-    pub fn model_of(&self, job: &Job) -> std::result::Result<Model, Complaint> {
+    pub fn model_of(&self, job: &Job) -> std::result::Result<Model, InvalidValue> {
         changed_model(&self.model_table, &job.changes, job.settings.girdle)
     }
 
@@ -172,7 +172,7 @@ impl Study {
 
 fn check_name(name: &str) -> std::result::Result<(), Issue> {
     let fits = name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c));
-    if !fits || name.starts_with('.') || names::flaw(name).is_some() {
+    if !fits || name.starts_with('.') || names::defect(name).is_some() {
         let help =
             "the name becomes a folder: use at most 200 letters, digits, -, _ and ., and do not begin with - or .";
         return Err(Issue::new(&["name"], format!("found \"{}\"", names::shown(name)), help));
@@ -245,8 +245,8 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
 /// # Errors
 /// The first mistake, with its place.
 pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
-    let is_spatial = || toml::from_str(&file.text).is_ok_and(|table| SkeletonFile::is_one(&table));
-    if !opensim::is_one(file) && !is_spatial() {
+    let is_spatial = || toml::from_str(&file.text).is_ok_and(|table| SkeletonFile::is_spatial(&table));
+    if !opensim::is_osim(file) && !is_spatial() {
         return ModelFile::load(file);
     }
     let (table, skeleton) = load_skeleton(file)?;
@@ -259,7 +259,7 @@ pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
 /// # Errors
 /// The first mistake, with its place.
 pub fn load_skeleton(file: &SourceFile) -> Result<(toml::Table, Skeleton)> {
-    if opensim::is_one(file) {
+    if opensim::is_osim(file) {
         let imported = opensim::import(file)?.file;
         let skeleton = imported.check().map_err(|issue| error_of(file, &issue))?;
         return Ok((toml::Table::try_from(imported).expect("a model is plain data"), skeleton));
@@ -270,7 +270,7 @@ pub fn load_skeleton(file: &SourceFile) -> Result<(toml::Table, Skeleton)> {
 
 /// Locates an issue of a spatial model in the model file or the OpenSim model.
 fn error_of(file: &SourceFile, issue: &Issue) -> Error {
-    if opensim::is_one(file) { opensim::error(file, issue) } else { issue.in_file(file) }
+    if opensim::is_osim(file) { opensim::error(file, issue) } else { issue.in_file(file) }
 }
 
 /// Refuses a motion without a column for each joint coordinate that must be measured. In a planar model these are all
@@ -314,7 +314,7 @@ fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file:
         let plain = MotionSettings { measurement_ratio: 1, ..plain };
         let instants = motion.time.len().min(CLOSURE_CHECKS);
         return match plain.measure(motion, model, instants, Deadline::default()) {
-            Err(moved @ Unmeasured::Moved { .. }) => {
+            Err(moved @ MeasurementError::InconsistentMotion { .. }) => {
                 let help =
                     "give only the coordinates that the loop leaves free, or values that close it (to 2° or 5 mm)";
                 Err(file.error(None, format!("{}: {moved}", file.path.display()), "", Some(help.to_owned())))

@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
-use super::settings::{Complaint, Girdle, RegularityMode, Settings, Value, WarmStart};
+use super::settings::{Girdle, InvalidValue, RegularityMode, Settings, Value, WarmStart};
 use super::size;
-use super::sweep::{self, Expansion, Place, Point};
+use super::sweep::{self, Expansion, KeyPath, SweepPoint};
 use super::{Job, SCHEMA_VERSION};
 use crate::error::{Issue, Mistakes};
 use crate::model::Model;
@@ -82,7 +82,7 @@ pub struct Plan<'m> {
     base_changes: Vec<ModelChange>,
     pub sweeps: Vec<Expansion>,
     /// The swept names, each with its first place in the file.
-    pub axes: IndexMap<Arc<str>, Place>,
+    pub axes: IndexMap<Arc<str>, KeyPath>,
     /// The paths that each name of model numbers stands for.
     paths: HashMap<Arc<str>, Vec<String>>,
     /// The model's joint coordinates, each with whether it is an angle.
@@ -138,13 +138,13 @@ impl<'m> Plan<'m> {
             // Several sweeps are a list, [[sweep]]; a single one is a table, [sweep], and its path has no index.
             let place =
                 if sweeps.len() == 1 { vec!["sweep".to_owned()] } else { vec!["sweep".to_owned(), i.to_string()] };
-            let value = |point: &Point, name: &str| plan.value_at(point, name);
+            let value = |point: &SweepPoint, name: &str| plan.value_at(point, name);
             let check = |name: &str, value: &Value| match is_model_path(name) || name == sweep::SAMPLE {
-                true if value.number().is_none() => Err(Complaint::new(format!("found {value}"), "give a number")),
+                true if value.number().is_none() => Err(InvalidValue::new(format!("found {value}"), "give a number")),
                 true => Ok(()),
                 false => Settings::default().set(name, value, &plan.coordinates),
             };
-            let context = sweep::Context { value: &value, check: &check };
+            let context = sweep::SweepContext { value: &value, check: &check };
             let Some(expansion) = mistakes.take(sweep::expand(sweep, &place, &context)) else { continue };
             for (name, place) in &expansion.axes {
                 if **name != *sweep::SAMPLE {
@@ -200,7 +200,7 @@ impl<'m> Plan<'m> {
     }
 
     /// Finds the paths that a name stands for, and checks that they exist.
-    fn resolve(&mut self, name: &str) -> std::result::Result<(), Complaint> {
+    fn resolve(&mut self, name: &str) -> std::result::Result<(), InvalidValue> {
         if is_model_path(name) && !self.paths.contains_key(name) {
             let paths = change::matching(self.model_table, name)?;
             for path in &paths {
@@ -218,7 +218,7 @@ impl<'m> Plan<'m> {
         changes: &mut Vec<ModelChange>,
         name: &str,
         value: &Value,
-    ) -> std::result::Result<(), Complaint> {
+    ) -> std::result::Result<(), InvalidValue> {
         let Some(paths) = self.paths.get(name) else {
             self.check_moves(name)?;
             return settings.set(name, value, &self.coordinates);
@@ -228,7 +228,7 @@ impl<'m> Plan<'m> {
             // A swept value replaces the fixed one. Changes without effect are dropped: equal jobs have equal ids.
             let change = ModelChange::new(path, value)?;
             changes.retain(|other| other.path != change.path);
-            if !change.is_idle(self.model_table) {
+            if !change.has_no_effect(self.model_table) {
                 changes.push(change);
             }
         }
@@ -238,7 +238,7 @@ impl<'m> Plan<'m> {
     }
 
     /// Refuses a change of the motion that would not move its coordinate.
-    fn check_moves(&self, name: &str) -> std::result::Result<(), Complaint> {
+    fn check_moves(&self, name: &str) -> std::result::Result<(), InvalidValue> {
         let change = name.strip_prefix("motion.").unwrap_or("");
         let of = |(coordinate, _): &&(String, &str)| {
             change
@@ -249,13 +249,13 @@ impl<'m> Plan<'m> {
             None => Ok(()),
             Some((coordinate, why)) => {
                 let help = "the key would have no effect: remove it, or unlock the coordinate in the model";
-                Err(Complaint::new(format!("`{coordinate}` {why}"), help))
+                Err(InvalidValue::new(format!("`{coordinate}` {why}"), help))
             }
         }
     }
 
     /// Refuses a value that differs greatly from the model's own, unless the study confirms it.
-    fn check_size(&self, name: &str, path: &str, value: &Value) -> std::result::Result<(), Complaint> {
+    fn check_size(&self, name: &str, path: &str, value: &Value) -> std::result::Result<(), InvalidValue> {
         let (Some(own), Some(new)) = (change::number_at(self.model_table, path), value.number()) else { return Ok(()) };
         // A value of 0 is taken to be intended.
         let is_far = own != 0.0 && new != 0.0 && !(own.abs() / MAX_RATIO..=own.abs() * MAX_RATIO).contains(&new.abs());
@@ -269,11 +269,11 @@ impl<'m> Plan<'m> {
             "did you mean `{path}_scale`, or another unit? If the value is correct, put confirm = [\"{name}\"] at the \
              top of the study"
         );
-        Err(Complaint::new(message, help))
+        Err(InvalidValue::new(message, help))
     }
 
     /// The value of a name for a job at a point, for conditions.
-    fn value_at(&self, point: &Point, name: &str) -> Option<Value> {
+    fn value_at(&self, point: &SweepPoint, name: &str) -> Option<Value> {
         if let Some((_, value)) = point.iter().find(|(own, _)| **own == *name) {
             return Some(value.clone());
         }
@@ -397,7 +397,7 @@ impl<'m> Plan<'m> {
                 }
                 let before = jobs[first..].last().filter(|before| {
                     let others = sweep.axes.len().saturating_sub(1);
-                    let alike = |(name, _): (&Arc<str>, &Place)| {
+                    let alike = |(name, _): (&Arc<str>, &KeyPath)| {
                         let axis = self.axes.get_index_of(name).expect("each axis of a sweep is one of the study");
                         before.swept[axis] == swept[axis]
                     };
@@ -417,7 +417,7 @@ impl<'m> Plan<'m> {
     }
 
     /// Settings and model changes at a point: those of the base, with the point's values set.
-    fn settings_at(&self, point: &Point) -> std::result::Result<(Settings, Vec<ModelChange>), Issue> {
+    fn settings_at(&self, point: &SweepPoint) -> std::result::Result<(Settings, Vec<ModelChange>), Issue> {
         let (mut settings, mut changes) = (self.base.clone(), self.base_changes.clone());
         for (name, value) in point.iter().filter(|(name, _)| **name != *sweep::SAMPLE) {
             self.assign(&mut settings, &mut changes, name, value).map_err(|c| complaint_at(self.place(name), c))?;
@@ -450,7 +450,7 @@ impl<'m> Plan<'m> {
         let help = format!(
             "the cut-off may be at most {HIGHEST_CUTOFF} times that ({highest} Hz); 0 leaves the motion unfiltered"
         );
-        Err(complaint_at(self.place("smoothing_hz"), Complaint::new(message, help)))
+        Err(complaint_at(self.place("smoothing_hz"), InvalidValue::new(message, help)))
     }
 
     /// Refuses the setting `girdle` for planar models.
@@ -459,14 +459,14 @@ impl<'m> Plan<'m> {
         for job in jobs {
             if !spatial && job.settings.girdle != Girdle::Prescribed {
                 let help = "only spatial models have a girdle: remove the key";
-                return Err(complaint_at(self.place("girdle"), Complaint::new("the model is planar", help)));
+                return Err(complaint_at(self.place("girdle"), InvalidValue::new("the model is planar", help)));
             }
         }
         Ok(())
     }
 
     /// Where a name is set: in its sweep, or in the base.
-    fn place(&self, name: &str) -> Place {
+    fn place(&self, name: &str) -> KeyPath {
         let swept = self.axes.iter().find(|(axis, _)| {
             ***axis == *name || self.paths.get(*axis).is_some_and(|paths| paths.iter().any(|path| path == name))
         });
@@ -517,6 +517,6 @@ fn flatten(table: &toml::Table) -> Vec<(String, Option<Value>)> {
     flat
 }
 
-fn complaint_at(place: Place, complaint: Complaint) -> Issue {
+fn complaint_at(place: KeyPath, complaint: InvalidValue) -> Issue {
     Issue { path: place, message: complaint.message, help: Some(complaint.help) }
 }

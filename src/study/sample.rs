@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::file::{Method, Sample};
 use super::settings::Value;
-use super::sweep::{Expansion, Place, Range, SAMPLE, at, check_name, issue, values};
+use super::sweep::{Expansion, KeyPath, Range, SAMPLE, at, check_name, issue, values};
 use crate::error::Issue;
 
 /// Largest numbers of samples and of parameters in a Sobol' sequence, set by the tables of the library.
@@ -104,7 +104,7 @@ enum Draw {
 }
 
 impl Draw {
-    fn new(name: &str, spec: &toml::Value, place: &Place) -> Result<Self, Issue> {
+    fn new(name: &str, spec: &toml::Value, place: &KeyPath) -> Result<Self, Issue> {
         check_name(name, spec, place)?;
         match spec {
             toml::Value::Array(_) => Ok(Draw::Choice(values(name, spec, place)?)),

@@ -59,12 +59,12 @@ impl Value {
 
 /// Why a value cannot be set, and what is allowed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Complaint {
+pub struct InvalidValue {
     pub message: String,
     pub help: String,
 }
 
-impl Complaint {
+impl InvalidValue {
     pub fn new(message: impl Into<String>, help: impl Into<String>) -> Self {
         Self { message: message.into(), help: help.into() }
     }
@@ -353,8 +353,8 @@ impl Settings {
     /// and whether each is an angle.
     ///
     /// # Errors
-    /// A [`Complaint`] on an unknown name, a wrong type or a value out of range.
-    pub fn set(&mut self, name: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), Complaint> {
+    /// A [`InvalidValue`] on an unknown name, a wrong type or a value out of range.
+    pub fn set(&mut self, name: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), InvalidValue> {
         match name {
             "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 to 1e6; the thesis uses 0.2")?,
             "h" => self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?,
@@ -378,7 +378,10 @@ impl Settings {
                 self.trajectories = match value {
                     Value::Flag(flag) => *flag,
                     other => {
-                        return Err(Complaint::new(format!("found {}", describe(other)), "it must be true or false"));
+                        return Err(InvalidValue::new(
+                            format!("found {}", describe(other)),
+                            "it must be true or false",
+                        ));
                     }
                 };
             }
@@ -396,11 +399,11 @@ impl Settings {
         Ok(())
     }
 
-    fn set_limit(&mut self, name: &str, value: &Value) -> Result<(), Complaint> {
+    fn set_limit(&mut self, name: &str, value: &Value) -> Result<(), InvalidValue> {
         let limit = self.warn.named(name).ok_or_else(|| {
             let near = nearest(name, Limits::NAMES).map(|n| format!("did you mean `warn.{n}`? ")).unwrap_or_default();
             let known = Limits::NAMES.map(|name| format!("warn.{name}")).join(", ");
-            Complaint::new(format!("unknown limit `warn.{name}`"), format!("{near}available limits: {known}"))
+            InvalidValue::new(format!("unknown limit `warn.{name}`"), format!("{near}available limits: {known}"))
         })?;
         *limit = number(value, 0.0..=1e9, "a number from 0 to 1e9")?;
         Ok(())
@@ -455,14 +458,14 @@ impl Settings {
         self.measurement_ratio.unwrap_or(2 * self.points_per_interval())
     }
 
-    fn set_motion(&mut self, change: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), Complaint> {
+    fn set_motion(&mut self, change: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), InvalidValue> {
         if change == "time_scale" {
             self.time_scale = number(value, 1e-6..=1e6, "a positive factor")?;
             return Ok(());
         }
         let Some((coordinate, ending)) = MOTION_ENDINGS.iter().find_map(|e| change.strip_suffix(e).map(|c| (c, *e)))
         else {
-            return Err(Complaint::new(
+            return Err(InvalidValue::new(
                 format!("unknown change `motion.{change}`"),
                 "allowed are time_scale, <coordinate>_offset_deg (or _rad, _m) and <coordinate>_scale",
             ));
@@ -470,7 +473,7 @@ impl Settings {
         let Some((name, is_angle)) = coordinates.iter().find(|(name, _)| name == coordinate) else {
             let names: Vec<&str> = coordinates.iter().map(|(name, _)| name.as_str()).collect();
             let near = nearest(coordinate, names.iter().copied()).map(|n| format!("did you mean `{n}`? "));
-            return Err(Complaint::new(
+            return Err(InvalidValue::new(
                 format!("unknown joint coordinate `{coordinate}`"),
                 format!("{}the model has: {}", near.unwrap_or_default(), names.join(", ")),
             ));
@@ -482,7 +485,7 @@ impl Settings {
         };
         if !unit_fits {
             let unit = if *is_angle { "_offset_deg or _offset_rad" } else { "_offset_m" };
-            return Err(Complaint::new(format!("`{name}` has no {ending}"), format!("use `motion.{name}{unit}`")));
+            return Err(InvalidValue::new(format!("`{name}` has no {ending}"), format!("use `motion.{name}{unit}`")));
         }
         let number = number(value, -1e6..=1e6, "a number")?;
         let at = match self.motion.iter().position(|(n, ..)| n == name) {
@@ -507,13 +510,13 @@ impl Settings {
     ///
     /// # Errors
     /// If h does not divide the duration.
-    pub fn points(&self, duration: f64) -> Result<usize, Complaint> {
+    pub fn points(&self, duration: f64) -> Result<usize, InvalidValue> {
         let duration = duration * self.time_scale;
         let intervals = duration / self.h;
         let whole = intervals.round();
         if (intervals - whole).abs() > 1e-6 * whole.max(1.0) || whole < 2.0 {
             let (few, many) = (intervals.floor().max(2.0), intervals.ceil().max(3.0));
-            return Err(Complaint::new(
+            return Err(InvalidValue::new(
                 format!(
                     "h = {} s does not divide the motion's duration of {duration} s into two or more intervals",
                     self.h
@@ -527,7 +530,7 @@ impl Settings {
         }
         let points = whole as usize + 1;
         if points > MAX_POINTS {
-            return Err(Complaint::new(
+            return Err(InvalidValue::new(
                 format!("h = {} s gives {points} points; at most {MAX_POINTS} are allowed", self.h),
                 "choose a larger h",
             ));
@@ -537,9 +540,9 @@ impl Settings {
 }
 
 /// The complaint about a name that is neither a setting nor a number of the model.
-pub fn unknown(name: &str) -> Complaint {
+pub fn unknown(name: &str) -> InvalidValue {
     let near = nearest(name, NAMES.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-    Complaint::new(
+    InvalidValue::new(
         format!("unknown setting `{name}`"),
         format!(
             "{near}available settings: {}; parameters of the model are set by path, such as \
@@ -559,30 +562,30 @@ pub fn describe(value: &Value) -> String {
     }
 }
 
-fn number(value: &Value, range: std::ops::RangeInclusive<f64>, allowed: &str) -> Result<f64, Complaint> {
+fn number(value: &Value, range: std::ops::RangeInclusive<f64>, allowed: &str) -> Result<f64, InvalidValue> {
     match value.number() {
         Some(number) if range.contains(&number) => Ok(number + 0.0), // no −0
-        _ => Err(Complaint::new(format!("found {}", describe(value)), format!("it must be {allowed}"))),
+        _ => Err(InvalidValue::new(format!("found {}", describe(value)), format!("it must be {allowed}"))),
     }
 }
 
-fn integer(value: &Value, range: std::ops::RangeInclusive<i64>) -> Result<i64, Complaint> {
+fn integer(value: &Value, range: std::ops::RangeInclusive<i64>) -> Result<i64, InvalidValue> {
     match value {
         Value::Integer(number) if range.contains(number) => Ok(*number),
-        _ => Err(Complaint::new(
+        _ => Err(InvalidValue::new(
             format!("found {}", describe(value)),
             format!("it must be a whole number from {} to {}", range.start(), range.end()),
         )),
     }
 }
 
-fn choice<T>(value: &Value, allowed: &[&str], parse: impl Fn(&str) -> Option<T>) -> Result<T, Complaint> {
+fn choice<T>(value: &Value, allowed: &[&str], parse: impl Fn(&str) -> Option<T>) -> Result<T, InvalidValue> {
     let help = |found: &str| {
         let near = nearest(found, allowed.iter().copied()).map(|n| format!("did you mean \"{n}\"? "));
         format!("{}it must be one of: {}", near.unwrap_or_default(), allowed.join(", "))
     };
     match value {
-        Value::Text(text) => parse(text).ok_or_else(|| Complaint::new(format!("found \"{text}\""), help(text))),
-        other => Err(Complaint::new(format!("found {}", describe(other)), help(""))),
+        Value::Text(text) => parse(text).ok_or_else(|| InvalidValue::new(format!("found \"{text}\""), help(text))),
+        other => Err(InvalidValue::new(format!("found {}", describe(other)), help(""))),
     }
 }

@@ -14,8 +14,8 @@ const MAX_VALUES: usize = 4_000_000;
 /// # Errors
 /// An [`Issue`] with the place of the sweeps.
 pub fn check(sweeps: &[Sweep]) -> Result<(), Issue> {
-    let sizes: Vec<Size> = sweeps.iter().map(Size::of).collect();
-    let total = |part: fn(&Size) -> usize| sizes.iter().map(part).fold(0, usize::saturating_add);
+    let sizes: Vec<SweepSize> = sweeps.iter().map(SweepSize::of).collect();
+    let total = |part: fn(&SweepSize) -> usize| sizes.iter().map(part).fold(0, usize::saturating_add);
     // Each job stores its value, or the lack of one, for every axis of the study.
     let jobs = total(|size| size.jobs);
     let values = jobs.saturating_mul(total(|size| size.axes));
@@ -37,13 +37,13 @@ pub fn check(sweeps: &[Sweep]) -> Result<(), Issue> {
     Ok(())
 }
 
-/// Size of a sweep.
-struct Size {
+/// SweepSize of a sweep.
+struct SweepSize {
     jobs: usize,
     axes: usize,
 }
 
-impl Size {
+impl SweepSize {
     fn of(sweep: &Sweep) -> Self {
         let mut size = Self { jobs: 1, axes: 0 };
         let mut times = |jobs: usize, axes: usize| {

@@ -29,48 +29,48 @@ use indexmap::IndexMap;
 
 use super::file::{Sweep, shown};
 use super::sample::samples;
-use super::settings::{Complaint, Value};
+use super::settings::{InvalidValue, Value};
 use super::size::MAX_JOBS;
 use crate::error::Issue;
 
 /// What a sweep sets for one job.
-pub type Point = Vec<(Arc<str>, Value)>;
+pub type SweepPoint = Vec<(Arc<str>, Value)>;
 
 /// Name of the column that numbers the samples.
 pub const SAMPLE: &str = "sample";
 
 /// A place in the study file: the keys from the top.
-pub type Place = Vec<String>;
+pub type KeyPath = Vec<String>;
 
 /// The points of a sweep, one per job, and the place of each swept name in the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expansion {
-    pub points: Vec<Point>,
-    pub axes: IndexMap<Arc<str>, Place>,
+    pub points: Vec<SweepPoint>,
+    pub axes: IndexMap<Arc<str>, KeyPath>,
 }
 
 /// A place within another one.
-pub fn at(place: &[String], keys: &[&str]) -> Place {
+pub fn at(place: &[String], keys: &[&str]) -> KeyPath {
     place.iter().cloned().chain(keys.iter().map(|key| (*key).to_owned())).collect()
 }
 
-pub fn issue(path: Place, message: impl Into<String>, help: impl Into<String>) -> Issue {
+pub fn issue(path: KeyPath, message: impl Into<String>, help: impl Into<String>) -> Issue {
     Issue { path, message: message.into(), help: Some(help.into()) }
 }
 
 /// What conditions need from the study around the sweep.
-pub struct Context<'c> {
+pub struct SweepContext<'c> {
     /// The value of a name for a job at a point: from the point, a wildcard in it, or the base.
-    pub value: &'c dyn Fn(&Point, &str) -> Option<Value>,
+    pub value: &'c dyn Fn(&SweepPoint, &str) -> Option<Value>,
     /// Checks that a name may have a value.
-    pub check: &'c dyn Fn(&str, &Value) -> Result<(), Complaint>,
+    pub check: &'c dyn Fn(&str, &Value) -> Result<(), InvalidValue>,
 }
 
 /// Expands a sweep; an empty one is a single job.
 ///
 /// # Errors
 /// An [`Issue`] with the place of the faulty axis.
-pub fn expand(sweep: &Sweep, place: &[String], context: &Context<'_>) -> Result<Expansion, Issue> {
+pub fn expand(sweep: &Sweep, place: &[String], context: &SweepContext<'_>) -> Result<Expansion, Issue> {
     let mut whole = Expansion { points: vec![Vec::new()], axes: IndexMap::new() };
     if let Some(sample) = &sweep.sample {
         whole = multiply(whole, samples(sample, &at(place, &["sample"]))?)?;
@@ -128,7 +128,7 @@ fn multiply(left: Expansion, right: Expansion) -> Result<Expansion, Issue> {
         (1, _) if left.points[0].is_empty() => right.points,
         (_, 1) if right.points[0].is_empty() => left.points,
         _ => {
-            let joined = |a: &Point, b: &Point| {
+            let joined = |a: &SweepPoint, b: &SweepPoint| {
                 let mut point = Vec::with_capacity(a.len() + b.len());
                 point.extend_from_slice(a);
                 point.extend_from_slice(b);
@@ -141,20 +141,20 @@ fn multiply(left: Expansion, right: Expansion) -> Result<Expansion, Issue> {
 }
 
 /// A swept name with its values.
-pub struct Axis {
+pub struct SweepAxis {
     pub name: Arc<str>,
-    pub place: Place,
+    pub place: KeyPath,
     pub values: Vec<Value>,
 }
 
-impl Axis {
+impl SweepAxis {
     fn expansion(self) -> Expansion {
         let points = self.values.into_iter().map(|value| vec![(Arc::clone(&self.name), value)]).collect();
         Expansion { points, axes: [(self.name, self.place)].into_iter().collect() }
     }
 }
 
-fn axes(table: &toml::Table, place: &[String]) -> Result<Vec<Axis>, Issue> {
+fn axes(table: &toml::Table, place: &[String]) -> Result<Vec<SweepAxis>, Issue> {
     if table.is_empty() {
         return Err(issue(
             place.to_vec(),
@@ -166,13 +166,13 @@ fn axes(table: &toml::Table, place: &[String]) -> Result<Vec<Axis>, Issue> {
         .iter()
         .map(|(name, spec)| {
             let place = at(place, &[name]);
-            Ok(Axis { name: name.as_str().into(), values: values(name, spec, &place)?, place })
+            Ok(SweepAxis { name: name.as_str().into(), values: values(name, spec, &place)?, place })
         })
         .collect()
 }
 
 /// Refuses an axis with a repeated value.
-fn distinct(axes: Vec<Axis>) -> Result<Vec<Axis>, Issue> {
+fn distinct(axes: Vec<SweepAxis>) -> Result<Vec<SweepAxis>, Issue> {
     for axis in &axes {
         let mut seen = std::collections::HashSet::new();
         if let Some(value) = axis.values.iter().find(|value| !seen.insert(value.to_string())) {
@@ -183,7 +183,7 @@ fn distinct(axes: Vec<Axis>) -> Result<Vec<Axis>, Issue> {
     Ok(axes)
 }
 
-fn zip(axes: Vec<Axis>) -> Result<Expansion, Issue> {
+fn zip(axes: Vec<SweepAxis>) -> Result<Expansion, Issue> {
     let (first, length) = (Arc::clone(&axes[0].name), axes[0].values.len());
     if let Some(axis) = axes.iter().find(|axis| axis.values.len() != length) {
         return Err(issue(
@@ -200,7 +200,7 @@ fn zip(axes: Vec<Axis>) -> Result<Expansion, Issue> {
     })
 }
 
-fn star(axes: Vec<Axis>) -> Expansion {
+fn star(axes: Vec<SweepAxis>) -> Expansion {
     let names = axes.iter().map(|axis| (Arc::clone(&axis.name), axis.place.clone())).collect();
     let arms = axes.into_iter().flat_map(|axis| axis.expansion().points);
     Expansion { points: std::iter::once(Vec::new()).chain(arms).collect(), axes: names }
@@ -209,7 +209,7 @@ fn star(axes: Vec<Axis>) -> Expansion {
 fn list(jobs: &[toml::Table], place: &[String]) -> Result<Expansion, Issue> {
     let mut whole = Expansion::default();
     for (i, job) in jobs.iter().enumerate() {
-        let mut point = Point::new();
+        let mut point = SweepPoint::new();
         for (name, spec) in job {
             let place = at(place, &[&i.to_string(), name]);
             check_name(name, spec, &place)?;
@@ -369,7 +369,7 @@ enum Allowed {
 }
 
 impl Test {
-    fn holds(&self, point: &Point, context: &Context<'_>) -> bool {
+    fn holds(&self, point: &SweepPoint, context: &SweepContext<'_>) -> bool {
         let Some(value) = (context.value)(point, &self.name) else { return false };
         match &self.allowed {
             Allowed::OneOf(values) => values.iter().any(|allowed| allowed.same(&value)),
@@ -383,12 +383,12 @@ fn pattern(
     table: &toml::Table,
     place: &[String],
     sweep: &Expansion,
-    context: &Context<'_>,
+    context: &SweepContext<'_>,
 ) -> Result<Vec<Test>, Issue> {
     let test = |(name, spec): (&String, &toml::Value)| {
         let place = at(place, &[name]);
         check_quoted(name, spec, &place)?;
-        if !sweep.axes.contains_key(name.as_str()) && (context.value)(&Point::new(), name).is_none() {
+        if !sweep.axes.contains_key(name.as_str()) && (context.value)(&SweepPoint::new(), name).is_none() {
             let swept: Vec<&str> = sweep.axes.keys().map(|axis| &**axis).collect();
             let near = crate::error::nearest(name, swept.iter().copied()).map(|n| format!("did you mean `{n}`? "));
             let help = format!("{}swept here: {}", near.unwrap_or_default(), swept.join(", "));
@@ -432,17 +432,17 @@ mod tests {
 
     fn expand_text(text: &str) -> Result<Vec<String>, String> {
         let sweep: Sweep = toml::from_str(text).map_err(|e| e.message().to_owned())?;
-        let value = |point: &Point, name: &str| {
+        let value = |point: &SweepPoint, name: &str| {
             let own = point.iter().find(|(n, _)| **n == *name).map(|(_, value)| value.clone());
             own.or((name == "stages").then_some(Value::Integer(1)))
         };
         let check = |name: &str, value: &Value| match (name, value.number()) {
-            ("stages", None) => Err(Complaint::new("found a text", "a number")),
+            ("stages", None) => Err(InvalidValue::new("found a text", "a number")),
             _ => Ok(()),
         };
-        let expansion = expand(&sweep, &["sweep".to_owned()], &Context { value: &value, check: &check })
+        let expansion = expand(&sweep, &["sweep".to_owned()], &SweepContext { value: &value, check: &check })
             .map_err(|i| format!("{:?} {}", i.path, i.message))?;
-        let text = |p: &Point| p.iter().map(|(n, v)| format!("{n}{v}")).collect::<Vec<_>>().join(" ");
+        let text = |p: &SweepPoint| p.iter().map(|(n, v)| format!("{n}{v}")).collect::<Vec<_>>().join(" ");
         Ok(expansion.points.iter().map(text).collect())
     }
 

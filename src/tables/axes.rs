@@ -20,31 +20,31 @@ const WHOLE_NUMBERS: [&str; 7] =
 
 /// Type of a swept column: that of all its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ColumnKind {
     Integer,
     Number,
     Flag,
     Text,
 }
 
-impl Kind {
+impl ColumnKind {
     /// The type of an axis of a study. A real-valued setting is real in every study, even if all its values are whole.
     pub fn of(study: &Study, axis: usize) -> Self {
         let values = || study.jobs.iter().filter_map(move |job| job.swept[axis].as_ref());
         if WHOLE_NUMBERS.contains(&study.axes[axis].as_str()) && values().all(|v| matches!(v, Value::Integer(_))) {
-            Kind::Integer
+            ColumnKind::Integer
         } else if values().all(|v| v.number().is_some()) {
-            Kind::Number
+            ColumnKind::Number
         } else if values().all(|v| matches!(v, Value::Flag(_))) {
-            Kind::Flag
+            ColumnKind::Flag
         } else {
-            Kind::Text
+            ColumnKind::Text
         }
     }
 
     pub fn values(self, values: &[Option<&Value>]) -> Values {
         match self {
-            Kind::Integer => Values::Integer(
+            ColumnKind::Integer => Values::Integer(
                 (values.iter())
                     .map(|v| match v {
                         Some(Value::Integer(i)) => Some(*i),
@@ -52,8 +52,8 @@ impl Kind {
                     })
                     .collect(),
             ),
-            Kind::Number => Values::Number(values.iter().map(|v| v.and_then(Value::number)).collect()),
-            Kind::Flag => Values::Flag(
+            ColumnKind::Number => Values::Number(values.iter().map(|v| v.and_then(Value::number)).collect()),
+            ColumnKind::Flag => Values::Flag(
                 (values.iter())
                     .map(|v| match v {
                         Some(Value::Flag(f)) => Some(*f),
@@ -61,7 +61,7 @@ impl Kind {
                     })
                     .collect(),
             ),
-            Kind::Text => Values::Text(values.iter().map(|v| v.map(ToString::to_string)).collect()),
+            ColumnKind::Text => Values::Text(values.iter().map(|v| v.map(ToString::to_string)).collect()),
         }
     }
 }

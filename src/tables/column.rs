@@ -12,13 +12,13 @@ enum Pick<R> {
 
 /// A column of a table whose rows are made from `R`.
 pub struct Column<R> {
-    pub about: About,
+    pub about: ColumnInfo,
     pick: Pick<R>,
 }
 
 /// What a reader needs to know about a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct About {
+pub struct ColumnInfo {
     pub name: &'static str,
     /// Its type in Parquet: `double`, `int64`, `boolean` or `string`.
     pub kind: &'static str,
@@ -29,7 +29,7 @@ pub struct About {
 
 impl<R> Column<R> {
     fn new(name: &'static str, kind: &'static str, unit: &'static str, meaning: &'static str, pick: Pick<R>) -> Self {
-        Self { about: About { name, kind, unit, meaning }, pick }
+        Self { about: ColumnInfo { name, kind, unit, meaning }, pick }
     }
 
     pub fn number(name: &'static str, unit: &'static str, meaning: &'static str, pick: fn(&R) -> Option<f64>) -> Self {

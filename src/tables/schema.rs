@@ -1,7 +1,7 @@
 //! The only list of the columns of every table. `sinew describe` and `results/README.md` are made from it.
 
-use super::axes::{BEFORE_AXES, Kind};
-use super::column::{About, Column, table};
+use super::axes::{BEFORE_AXES, ColumnKind};
+use super::column::{Column, ColumnInfo, table};
 use super::{Table, axes};
 use crate::outcome::{
     IterationRow, JobRow, MuscleRow, OptimumRow, Outcome, RegularityRow, SensitivityRow, SpectrumRow, TrajectoryRow,
@@ -54,8 +54,8 @@ pub fn row_keys(table: &str) -> &'static [&'static str] {
 }
 
 /// The columns of a table, except those of swept axes.
-pub fn about(table: &str) -> Vec<About> {
-    fn of<R>(columns: Vec<Column<R>>) -> Vec<About> {
+pub fn columns_of(table: &str) -> Vec<ColumnInfo> {
+    fn of<R>(columns: Vec<Column<R>>) -> Vec<ColumnInfo> {
         columns.into_iter().map(|column| column.about).collect()
     }
     match table {
@@ -74,19 +74,19 @@ pub fn about(table: &str) -> Vec<About> {
 
 /// Unit of a column of a table: `1` for a dimensionless number, empty for counts, flags and texts.
 pub fn unit(table: &str, column: &str) -> &'static str {
-    let own = about(table).into_iter().find(|about| about.name == column);
+    let own = columns_of(table).into_iter().find(|about| about.name == column);
     own.map_or_else(|| axes::unit(column), |about| about.unit)
 }
 
 /// What the tables of a study depend on in addition to its outcomes.
 pub struct Columns<'s> {
-    axes: Vec<(&'s str, Kind)>,
+    axes: Vec<(&'s str, ColumnKind)>,
     ratios: &'s [Ratio],
 }
 
 impl<'s> Columns<'s> {
     pub fn of(study: &'s Study) -> Self {
-        let axes = study.axes.iter().enumerate().map(|(i, name)| (name.as_str(), Kind::of(study, i))).collect();
+        let axes = study.axes.iter().enumerate().map(|(i, name)| (name.as_str(), ColumnKind::of(study, i))).collect();
         Self { axes, ratios: &study.ratios }
     }
 

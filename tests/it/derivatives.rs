@@ -2,7 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;
-use sinew::guess::start_guess;
+use sinew::guess::initial_guess;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::problem::{Curvature, Multipliers, Problem};
 use sinew::numerics::sparse::Sparse;
@@ -37,7 +37,7 @@ fn jacobians_and_hessian_of_the_whole_problem_agree_with_differences() {
         let (instant, scheme) = discretise(&model, &settings, points, table.duration());
         let scheme = scheme.as_ref();
         let problem = transcribe(&instant, scheme, &measurement, &settings);
-        let guess = start_guess(&instant, scheme, points, &measurement, Deadline::default()).unwrap();
+        let guess = initial_guess(&instant, scheme, points, &measurement, Deadline::default()).unwrap();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
         let mut here = Iterate::new(&problem, guess.iter().map(|x| x + rng.random_range(-0.02..0.02)).collect());
         here.equality_multipliers.iter_mut().for_each(|l| *l = rng.random_range(-1.0..1.0));
@@ -82,7 +82,7 @@ fn the_convexified_hessian_is_positive_semidefinite_and_above_the_gauss_newton_o
     let table = motion("arm_curl.csv", &model);
     let (instant, scheme, measurement) = prepare(&model, &table, 4);
     let problem = transcribe(&instant, &scheme, &measurement, &settings(|_| ()));
-    let guess = start_guess(&instant, &scheme, 4, &measurement, Deadline::default()).unwrap();
+    let guess = initial_guess(&instant, &scheme, 4, &measurement, Deadline::default()).unwrap();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
     let lambda: Vec<f64> = (0..problem.equalities()).map(|_| rng.random_range(-1.0..1.0)).collect();
     let nu = vec![0.1; problem.inequalities()];

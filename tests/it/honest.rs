@@ -4,7 +4,7 @@
 use sinew::error::SourceFile;
 use sinew::opensim::{Imported, Weight, import};
 use sinew::outcome::Status;
-use sinew::plausibility::KINDS;
+use sinew::plausibility::WARNING_KINDS;
 use sinew::skeleton::file::ObstacleEntry;
 use sinew::solve::solve;
 use sinew::study::load_skeleton;
@@ -407,7 +407,7 @@ fn every_kind_of_warning_is_given_where_it_belongs() {
         assert!(
             said.contains(&format!("{code}: 1 job (0)")) && table("jobs").text("remark", 0).unwrap().contains(code)
         );
-        assert!(KINDS.iter().any(|kind| kind.code == code));
+        assert!(WARNING_KINDS.iter().any(|kind| kind.code == code));
     }
     // With a limit of the user's own there is no warning.
     let quiet = run(elbow_study(

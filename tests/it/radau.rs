@@ -2,7 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;
-use sinew::guess::start_guess;
+use sinew::guess::initial_guess;
 use sinew::model::Model;
 use sinew::motion::Measurement;
 use sinew::nlp::iterate::Iterate;
@@ -174,7 +174,7 @@ fn predicted_deficiencies_hold_for_random_patterns_of_active_bounds() {
             let (instant, scheme) = discretise(&model, &settings, points, 1.0);
             let scheme = scheme.as_ref();
             let problem = transcribe(&instant, scheme, &measurement, &settings);
-            let mut x = start_guess(&instant, scheme, points, &measurement, Deadline::default()).unwrap();
+            let mut x = initial_guess(&instant, scheme, points, &measurement, Deadline::default()).unwrap();
             x.iter_mut().for_each(|v| *v += rng.random_range(-0.02..0.02));
             let idle: Vec<bool> = (0..model.muscles.len()).map(|_| rng.random_range(0.0..1.0) < 0.3).collect();
             for m in 0..model.muscles.len() {
@@ -218,7 +218,7 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
         let measurement = measure(&model, &settings, 6);
         let (instant, scheme) = discretise(&model, &settings, 6, 1.0);
         let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
-        let mut x = start_guess(&instant, scheme.as_ref(), 6, &measurement, Deadline::default()).unwrap();
+        let mut x = initial_guess(&instant, scheme.as_ref(), 6, &measurement, Deadline::default()).unwrap();
         for m in 0..5 {
             for k in 0..scheme.state_coefficients() {
                 x[scheme.activation_index(k, m)] = 0.2 + 0.01 * (k as f64);
@@ -243,7 +243,7 @@ fn ranks_of_large_problems_are_those_of_the_dense_decomposition() {
         let measurement = measure(&model, &settings, points);
         let (instant, scheme) = discretise(&model, &settings, points, 1.0);
         let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
-        let guess = start_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default()).unwrap();
+        let guess = initial_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default()).unwrap();
         let outcome = sqp::solve(&problem, guess, SqpSettings::default());
         let active: Vec<usize> =
             (0..problem.bounds.len()).filter(|&r| outcome.iterate.inequalities[r] <= 1e-8).collect();

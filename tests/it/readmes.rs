@@ -61,7 +61,7 @@ fn every_key_and_column_is_explained() {
     }
     for table in schema::TABLES {
         assert!(!schema::row_of(table).is_empty());
-        for about in schema::about(table) {
+        for about in schema::columns_of(table) {
             assert!(!about.meaning.is_empty(), "{table}.{} has no meaning", about.name);
             assert!(about.kind != "double" || !about.unit.is_empty(), "{table}.{} has no unit", about.name);
         }

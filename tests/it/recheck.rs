@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 use sinew::deadline::Deadline;
-use sinew::guess::start_guess;
+use sinew::guess::initial_guess;
 use sinew::model::Model;
 use sinew::model::curves::{active_force_length, passive_force_length, tendon_force};
 use sinew::model::path::Path;
@@ -25,7 +25,7 @@ fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
     let table = motion("arm_curl.csv", model);
     let (instant, scheme, measurement) = prepare(model, &table, points);
     let problem = transcribe(&instant, &scheme, &measurement, &settings(|s| s.bounds = bounds));
-    let guess = start_guess(&instant, &scheme, points, &measurement, Deadline::default()).unwrap();
+    let guess = initial_guess(&instant, &scheme, points, &measurement, Deadline::default()).unwrap();
     let outcome = sqp::solve(&problem, guess, SqpSettings::default());
     assert_eq!(outcome.status, SqpStatus::Converged);
     Solved { x: outcome.iterate.x, scheme }

@@ -2,7 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;
-use sinew::guess::start_guess;
+use sinew::guess::initial_guess;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::regularity;
 use sinew::outcome::Status;
@@ -47,7 +47,7 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
     for points in [4, 6] {
         let (instant, scheme, measurement) = prepare(&model, &table, points);
-        let guess = start_guess(&instant, &scheme, points, &measurement, Deadline::default()).unwrap();
+        let guess = initial_guess(&instant, &scheme, points, &measurement, Deadline::default()).unwrap();
         for round in 0..40 {
             let grid = if round % 2 == 0 { LoadSharingGrid::Measurement } else { LoadSharingGrid::Collocation };
             let settings = settings(|s| {
@@ -104,7 +104,7 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
         s.bounds = Bounds::None;
     });
     let problem = transcribe(&instant, &scheme, &measurement, &settings);
-    let mut x = start_guess(&instant, &scheme, 6, &measurement, Deadline::default()).unwrap();
+    let mut x = initial_guess(&instant, &scheme, 6, &measurement, Deadline::default()).unwrap();
     // Activations and slow fibres, so that every muscle produces force.
     for m in 0..5 {
         for k in 0..scheme.state.dimension() {
@@ -144,7 +144,7 @@ fn on_fine_meshes_pivots_count_as_the_singular_values_do() {
         let measurement = super::support::measured(&settings, &model, &table, points);
         let (instant, scheme) = discretise(&model, &settings, points, table.duration());
         let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
-        let mut x = start_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default()).unwrap();
+        let mut x = initial_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default()).unwrap();
         // One muscle is idle: all but a few of its active bounds on a and u depend on the others.
         (0..scheme.state_coefficients()).for_each(|k| x[scheme.activation_index(k, 4)] = 0.0);
         (0..scheme.control_coefficients()).for_each(|j| x[scheme.excitation_index(j, 4)] = 0.0);

@@ -111,7 +111,7 @@ fn the_gallery_is_of_the_shipped_studies_as_they_are() {
         let Some((study, _)) = name.strip_suffix(".svg").and_then(|name| name.split_once('-')) else { continue };
         let figure = std::fs::read_to_string(file.path()).unwrap();
         let study = Study::load(&root().join(format!("studies/{study}.toml"))).unwrap();
-        for said in [study.hash(), svg::drawn_by()] {
+        for said in [study.hash(), svg::drawing_code_hash()] {
             assert!(figure.contains(&said), "{name} is not of {said}: data/gallery/make.sh makes it anew");
         }
         assert!(readme.contains(&format!("../data/gallery/{name}")), "{name} is not in the README");

@@ -75,7 +75,7 @@ fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction
     let measurement = measured(&settings, &arm, &table, 11);
     let (instant, scheme) = discretise(&arm, &settings, 11, table.duration());
     let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
-    let guess = sinew::guess::start_guess(&instant, scheme.as_ref(), 11, &measurement, Deadline::default()).unwrap();
+    let guess = sinew::guess::initial_guess(&instant, scheme.as_ref(), 11, &measurement, Deadline::default()).unwrap();
     let iterate: Iterate = sqp::solve(&problem, guess, SqpSettings::default()).iterate;
     let rows: Vec<usize> = (0..iterate.inequalities.len()).filter(|&r| active(&iterate.inequalities)[r]).collect();
     let null = analyse_dense(&problem, &iterate, &rows).unwrap().null_directions;

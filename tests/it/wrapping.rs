@@ -10,7 +10,7 @@ use sinew::error::SourceFile;
 use sinew::skeleton::Skeleton;
 use sinew::skeleton::frame::{Frame, Vector, dot, minus, norm, unit};
 use sinew::skeleton::surface::{Contact, Shape, Side, Wrap};
-use sinew::skeleton::wrapping::{Placed, touches};
+use sinew::skeleton::wrapping::{PlacedSurface, touches};
 use sinew::study::load_skeleton;
 
 use super::cli::{sinew, text};
@@ -133,8 +133,8 @@ fn a_path_around_several_surfaces_is_taut() {
             Shape::Cylinder { radius: 0.7, side: None, length: f64::INFINITY },
             Shape::Cylinder { radius: 0.5, side: side(1, 1.0), length: f64::INFINITY },
         ];
-        let surfaces: Vec<Placed<'_>> =
-            frames.iter().zip(&shapes).map(|(&frame, shape)| Placed { frame, shape, segments: None }).collect();
+        let surfaces: Vec<PlacedSurface<'_>> =
+            frames.iter().zip(&shapes).map(|(&frame, shape)| PlacedSurface { frame, shape, segments: None }).collect();
         let mut point = |x: f64| [x, rng.random_range(-0.6..0.6), rng.random_range(-0.5..0.5)];
         let points = [point(-3.0), point(3.0)];
         let found = touches(&points, &surfaces, &[]);

@@ -50,7 +50,7 @@ impl Results {
     /// If the folder holds no tables.
     pub fn read(dir: &Path) -> Result<Self> {
         let manifest = manifest(dir)?;
-        for name in manifest.altered(dir) {
+        for name in manifest.altered_files(dir) {
             note(&format!("warning: {} has changed since its manifest was written", dir.join(name).display()));
         }
         let read = |name: &'static str| tables::read(name, &folder::table(dir, name));

@@ -2,7 +2,7 @@
 
 use super::{Extent, Results};
 use crate::cli::layout::{NOTHING_THERE, Sheet, wrapped};
-use crate::table1::{Cell, Group, thesis};
+use crate::table1::{Cell, TableOne, thesis};
 use crate::terminal::{heading, print as say};
 
 /// Number of tables shown without `--all`.
@@ -12,8 +12,8 @@ const GRIDS: [(&str, &str); 2] =
     [("measurement", "load sharing at the measured instants"), ("collocation", "… at the collocation points")];
 
 /// Prints the groups that have all six cases. The ranks of other groups are shown with their jobs.
-pub fn print(results: &Results, groups: &[Group], extent: Extent) {
-    let whole: Vec<&Group> = groups.iter().filter(|group| group.cells.len() >= 6).collect();
+pub fn print(results: &Results, groups: &[TableOne], extent: Extent) {
+    let whole: Vec<&TableOne> = groups.iter().filter(|group| group.cells.len() >= 6).collect();
     let shown = if extent.all { whole.len() } else { FIRST.min(whole.len()) };
     for group in whole.iter().take(shown) {
         // Values shared by all tables are printed once, above the jobs.
@@ -34,19 +34,19 @@ pub fn printed(deficiency: i64) -> String {
     if deficiency > 0 { format!("−{deficiency}") } else { deficiency.to_string() }
 }
 
-fn print_group(group: &Group, others: &str, is_thesis: bool) {
+fn print_group(group: &TableOne, others: &str, is_thesis: bool) {
     let title = if is_thesis { ", with the thesis' Table 1 in brackets" } else { "" };
     let others = if others.is_empty() { String::new() } else { format!(": {others}") };
     say("");
     say(&heading(&wrapped(&format!("Rank deficiencies{title}{others}"), "  ")));
-    type Pick = fn((i64, i64)) -> i64;
-    let picks: [(&str, Pick); 2] = [("A", |d| d.0), ("[Aᵀ Jᵀ]", |d| d.1)];
+    type PickRank = fn((i64, i64)) -> i64;
+    let picks: [(&str, PickRank); 2] = [("A", |d| d.0), ("[Aᵀ Jᵀ]", |d| d.1)];
     let mut sheet = Sheet::default();
     let rows = || GRIDS.iter().flat_map(|grid| picks.map(|pick| (grid, pick)));
     sheet.text("", 0, rows().map(|((_, title), (name, _))| if name == "A" { *title } else { "" }.to_owned()).collect());
     sheet.text("", 0, rows().map(|(_, (name, _))| name.to_owned()).collect());
     for (bounds, title) in BOUNDS {
-        let cell = |((grid, _), (_, pick)): (&(&str, &str), (&str, Pick))| {
+        let cell = |((grid, _), (_, pick)): (&(&str, &str), (&str, PickRank))| {
             let cell = group.cells.get(&((*grid).to_owned(), bounds.to_owned()));
             let printed = thesis(grid, bounds).filter(|_| is_thesis).map(pick);
             cell.map_or(NOTHING_THERE.to_owned(), |cell| shown(cell, printed, pick))

@@ -4,23 +4,23 @@ use std::collections::BTreeMap;
 
 use super::ranks::printed;
 use crate::cli::layout::{NOTHING_THERE, Sheet, wrapped};
-use crate::table1::{Group, THESIS};
+use crate::table1::{THESIS, TableOne};
 use crate::terminal::{heading, print as say};
 
 /// Number of models listed, best first.
 const BEST: usize = 5;
 
-pub fn print(groups: &[Group]) {
+pub fn print(groups: &[TableOne]) {
     print_histogram(groups);
     print_cases(groups);
-    let mut best: Vec<&Group> = groups.iter().collect();
+    let mut best: Vec<&TableOne> = groups.iter().collect();
     best.sort_by_key(|group| std::cmp::Reverse(group.matches()));
     say("");
     say(&heading("Best models, by case"));
     best.iter().take(BEST).for_each(|group| print_model(group));
 }
 
-fn print_histogram(groups: &[Group]) {
+fn print_histogram(groups: &[TableOne]) {
     let mut histogram = BTreeMap::<usize, usize>::new();
     groups.iter().for_each(|group| *histogram.entry(group.matches()).or_default() += 1);
     say("");
@@ -33,7 +33,7 @@ fn print_histogram(groups: &[Group]) {
 }
 
 /// For each case, how often the converged jobs reproduce the thesis' numbers.
-fn print_cases(groups: &[Group]) {
+fn print_cases(groups: &[TableOne]) {
     let mut columns: [Vec<String>; 8] = Default::default();
     for (grid, bounds, a, aj) in THESIS {
         let key = (grid.to_owned(), bounds.to_owned());
@@ -72,7 +72,7 @@ fn print_cases(groups: &[Group]) {
     sheet.print(false);
 }
 
-fn print_model(group: &Group) {
+fn print_model(group: &TableOne) {
     let others: Vec<String> = group.others.iter().map(|(name, value)| format!("{name} {value}")).collect();
     let case = |&(grid, bounds, ..): &(&str, &str, i64, i64)| {
         let cell = group.cells.get(&(grid.to_owned(), bounds.to_owned()));

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::{Extent, Results};
 use crate::cli::layout::wrapped;
 use crate::names::counted;
-use crate::plausibility::KINDS;
+use crate::plausibility::WARNING_KINDS;
 use crate::terminal::{heading, print as say, warning};
 
 /// Number of failed jobs listed without `--all`.
@@ -59,7 +59,7 @@ fn warnings(results: &Results, dir: &Path) {
         if rows.len() > LISTED {
             listed.push("…".to_owned());
         }
-        let kind = KINDS.iter().find(|kind| kind.code == code);
+        let kind = WARNING_KINDS.iter().find(|kind| kind.code == code);
         let (limit, remedy) = kind.map_or(("", ""), |kind| (kind.limit, kind.remedy));
         say(&wrapped(&format!("  {code}: {} ({}); {limit}", counted(rows.len(), "job"), listed.join(", ")), "      "));
         say(&wrapped(&format!("    → {remedy}"), "      "));

@@ -23,7 +23,7 @@ use super::joint::{PER_BODY, Place};
 use crate::model::path::PathLength;
 use crate::skeleton::frame::{Frame, Vector, along, minus, norm, unit};
 use crate::skeleton::surface::{Contact, Shape, tangents};
-use crate::skeleton::wrapping::{Placed, Touch, touches};
+use crate::skeleton::wrapping::{PlacedSurface, Touch, touches};
 
 /// Size of the step along a direction in which third derivatives are taken by differences.
 const STEP: f64 = 2e-6;
@@ -180,8 +180,8 @@ impl SpatialPath {
         if known.is_empty() {
             return Vec::new();
         }
-        let placed: Vec<Placed<'_>> = (known.iter().map(|&s| &self.surfaces[s]))
-            .map(|surface| Placed {
+        let placed: Vec<PlacedSurface<'_>> = (known.iter().map(|&s| &self.surfaces[s]))
+            .map(|surface| PlacedSurface {
                 frame: frame_of(q, surface.body) * surface.frame,
                 shape: &surface.shape,
                 segments: surface.parts,

@@ -28,7 +28,7 @@ pub struct Fronts {
     /// Total length of all borders so far, which is where the places of the next front begin. The places themselves are
     /// known only when its parent is numbered.
     borders: usize,
-    entries: Vec<Entry>,
+    entries: Vec<MatrixEntry>,
 }
 
 /// Where the data of a front begin in the lists of [`Fronts`], and the numbers of items of each kind.
@@ -45,7 +45,7 @@ struct Head {
 
 /// The pattern of a front.
 #[derive(Clone, Copy, Debug)]
-pub struct Pattern<'f> {
+pub struct FrontPattern<'f> {
     /// Its own unknowns, then its border: later unknowns coupled so far, in elimination order.
     pub unknowns: &'f [u32],
     /// Number of its own unknowns.
@@ -55,11 +55,11 @@ pub struct Pattern<'f> {
     /// Number of child fronts: the latest ones whose contributions are still pending.
     pub children: usize,
     /// All entries, with row ≤ column.
-    pub entries: &'f [Entry],
+    pub entries: &'f [MatrixEntry],
     /// Diagonal entries of own unknowns that may be uncoupled.
-    pub loose: &'f [Entry],
+    pub loose: &'f [MatrixEntry],
     /// Entries that couple those unknowns to others.
-    pub couplings: &'f [Entry],
+    pub couplings: &'f [MatrixEntry],
 }
 
 impl Fronts {
@@ -67,7 +67,7 @@ impl Fronts {
         self.heads.len()
     }
 
-    pub fn get(&self, f: usize) -> Pattern<'_> {
+    pub fn get(&self, f: usize) -> FrontPattern<'_> {
         let head = self.heads[f];
         let (unknowns, places, entries) = match self.heads.get(f + 1) {
             Some(next) => (next.unknowns as usize, next.places as usize, next.entries as usize),
@@ -75,7 +75,7 @@ impl Fronts {
         };
         let entries = &self.entries[head.entries as usize..entries];
         let (loose, others) = entries.split_at(head.loose as usize);
-        Pattern {
+        FrontPattern {
             unknowns: &self.unknowns[head.unknowns as usize..unknowns],
             own: head.own as usize,
             places: &self.places[head.places as usize..places],
@@ -86,21 +86,28 @@ impl Fronts {
         }
     }
 
-    pub fn iter(&self) -> impl Iterator<Item = Pattern<'_>> {
+    pub fn iter(&self) -> impl Iterator<Item = FrontPattern<'_>> {
         (0..self.len()).map(|f| self.get(f))
     }
 
     /// Bytes that a factorisation needs if no pivot is delayed: D Lᵀ, plus the largest front and its contribution.
     pub fn bytes(&self) -> usize {
         let lanes = |columns: usize| columns.div_ceil(LANE);
-        let factors = |front: Pattern<'_>| (0..front.own).map(|i| lanes(front.unknowns.len() - i) + 1).sum::<usize>();
-        let size = |front: Pattern<'_>| front.unknowns.len() * lanes(front.unknowns.len());
+        let factors =
+            |front: FrontPattern<'_>| (0..front.own).map(|i| lanes(front.unknowns.len() - i) + 1).sum::<usize>();
+        let size = |front: FrontPattern<'_>| front.unknowns.len() * lanes(front.unknowns.len());
         let largest = self.iter().map(size).max().unwrap_or(0);
         (self.iter().map(factors).sum::<usize>() + 2 * largest) * size_of::<Lane>()
     }
 
     /// Appends a front, with its entries grouped by kind.
-    fn add(&mut self, own: &[usize], border: &[usize], [loose, couplings, others]: [&[Entry]; 3], children: usize) {
+    fn add(
+        &mut self,
+        own: &[usize],
+        border: &[usize],
+        [loose, couplings, others]: [&[MatrixEntry]; 3],
+        children: usize,
+    ) {
         self.heads.push(Head {
             unknowns: to_u32(self.unknowns.len()),
             own: to_u32(own.len()),
@@ -120,7 +127,7 @@ fn to_u32(i: usize) -> u32 {
     u32::try_from(i).expect("fewer than 2³² entries")
 }
 
-impl Pattern<'_> {
+impl FrontPattern<'_> {
     pub fn border(&self) -> &[u32] {
         &self.unknowns[self.own..]
     }
@@ -129,12 +136,12 @@ impl Pattern<'_> {
 /// An entry of the matrix: the positions of its row and column among the unknowns of a front, and its slot in the
 /// values of the matrix.
 #[derive(Clone, Copy, Debug)]
-pub struct Entry {
+pub struct MatrixEntry {
     places: [u16; 2],
     slot: u32,
 }
 
-impl Entry {
+impl MatrixEntry {
     fn new(row: usize, column: usize, slot: usize) -> Self {
         Self { places: [to_u16(row), to_u16(column)], slot: to_u32(slot) }
     }
@@ -223,7 +230,7 @@ fn number_unknowns(stages: Vec<Vec<Draft>>, order: usize, loose: Range<usize>) -
                 } else {
                     2
                 };
-                kinds[kind].push(Entry::new(row, column, slot));
+                kinds[kind].push(MatrixEntry::new(row, column, slot));
             }
             // The last front of a stage is the parent of all pending ones.
             let child_borders = if f + 1 == count { std::mem::take(&mut pending) } else { Vec::new() };

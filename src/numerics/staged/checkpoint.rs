@@ -1,7 +1,7 @@
 //! States from which a factorisation can resume if only later fronts have changed since the previous one. An active-set
 //! change in a few rows leaves most fronts as they were.
 
-use super::analysis::{Fronts, Pattern};
+use super::analysis::{FrontPattern, Fronts};
 use super::front::LANE;
 use super::{Contribution, Factors, Work, ZERO};
 
@@ -60,7 +60,7 @@ impl Checkpoints {
     /// Number of leading fronts whose entries have not changed.
     fn count_same(&self, fronts: &Fronts, (values, scale): (&[f64], &[f64]), front_scale: &mut Vec<f64>) -> usize {
         let mut before = self.entries.as_slice();
-        let is_same = |pattern: &Pattern<'_>| {
+        let is_same = |pattern: &FrontPattern<'_>| {
             let Some((old_entries, later)) = before.split_at_checked(pattern.entries.len()) else { return false };
             before = later;
             front_scale.clear();

@@ -26,7 +26,7 @@ mod front;
 use std::ops::Range;
 use std::sync::Arc;
 
-use self::analysis::{Fronts, Pattern, fronts};
+use self::analysis::{FrontPattern, Fronts, fronts};
 use self::checkpoint::Checkpoints;
 use self::front::{LANE, Lane, Panel, Pivot, flat, flat_mut, lanes};
 use super::memo::Memo;
@@ -448,7 +448,7 @@ impl Work {
     /// unknowns that nothing couples at present (multipliers of inactive inequalities) are left out of the front.
     fn arrange(
         &mut self,
-        (fronts, pattern): (&Fronts, Pattern<'_>),
+        (fronts, pattern): (&Fronts, FrontPattern<'_>),
         (values, scale): (&[f64], &[f64]),
         first: usize,
         factors: &mut Factors,
