@@ -7,7 +7,7 @@ use crate::model::file::ModelFile;
 use crate::plausibility::Limits;
 use crate::skeleton::file::SkeletonFile;
 use crate::study::file;
-use crate::study::settings::Settings;
+use crate::study::settings::{NAMES, Settings};
 use crate::tables::{Table, Values};
 
 /// A key of a file.
@@ -18,7 +18,7 @@ pub struct Key {
     pub name: String,
     /// The allowed values: a type, a range, or a list of words.
     pub value: String,
-    /// Empty if there is no default.
+    /// Empty where there is none; `required` if the key has to be given.
     pub default: String,
     pub meaning: String,
 }
@@ -45,7 +45,11 @@ pub fn keys(kind: FileKind) -> Vec<Key> {
     let schema = schema(kind);
     let mut keys = Vec::new();
     add(&mut keys, &schema, &schema, "", 0);
-    keys.retain(|key| kind != FileKind::Study || !["[base]"].contains(&key.table.as_str()));
+    // Tables of a study whose keys are names that it sets have these besides, or instead.
+    let is_name = |key: &Key| kind == FileKind::Study && !key.table.is_empty() && NAMES.contains(&key.name.as_str());
+    keys.retain(|key| {
+        !is_name(key) || (key.table == "[[sweep.sample]]" || key.table == "[sweep.sample]") && key.name == "seed"
+    });
     keys
 }
 
@@ -96,6 +100,8 @@ const MAX_DEPTH: usize = 4;
 /// Adds the keys of an object in a schema, and of the tables nested in it.
 fn add(keys: &mut Vec<Key>, root: &Json, object: &Json, table: &str, depth: usize) {
     let Some(properties) = object["properties"].as_object() else { return };
+    let required = object["required"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_required = |name: &String| required.iter().any(|key| key == name);
     let mut inner: Vec<(String, Json)> = Vec::new();
     for (name, property) in properties {
         let within = tables_within(root, property);
@@ -103,7 +109,7 @@ fn add(keys: &mut Vec<Key>, root: &Json, object: &Json, table: &str, depth: usiz
             table: table.to_owned(),
             name: name.clone(),
             value: value_of(root, property),
-            default: default_of(property),
+            default: if is_required(name) { "required".to_owned() } else { default_of(property) },
             meaning: meaning_of(root, property),
         });
         if let Some((is_list, schema)) = within
@@ -153,6 +159,10 @@ fn value_of(root: &Json, property: &Json) -> String {
     if !words.is_empty() {
         return words.join(", ");
     }
+    let forms = forms(schema);
+    if !forms.is_empty() {
+        return format!("table with one of {}", forms.join(", "));
+    }
     let kind = match &schema["type"] {
         Json::Array(kinds) => kinds.iter().find(|kind| *kind != "null").and_then(Json::as_str),
         kind => kind.as_str(),
@@ -188,6 +198,16 @@ fn value_of(root: &Json, property: &Json) -> String {
     }
 }
 
+/// The keys of which a table has exactly one, if it is such a table.
+fn forms(schema: &Json) -> Vec<String> {
+    let form = |choice: &Json| {
+        let mut keys = choice["properties"].as_object()?.keys();
+        let key = keys.next().filter(|_| keys.len() == 0)?;
+        Some(format!("`{key}`"))
+    };
+    schema["oneOf"].as_array().map_or_else(Vec::new, |choices| choices.iter().filter_map(form).collect())
+}
+
 /// The allowed words of a key, with their meanings.
 fn choices(schema: &Json) -> Vec<(String, String)> {
     let one = |choice: &Json| -> Vec<(String, String)> {
@@ -219,7 +239,7 @@ fn meaning_of(root: &Json, property: &Json) -> String {
     let mut meaning = own.replace('\n', " ");
     let words: Vec<String> = (choices(schema).into_iter())
         .filter(|(_, about)| !about.is_empty())
-        .map(|(word, about)| format!("`{word}`: {about}"))
+        .map(|(word, about)| format!("`{word}`: {}", about.trim_end_matches('.')))
         .collect();
     if !words.is_empty() {
         meaning = format!("{}. {}", meaning.trim_end_matches('.'), words.join("; "));

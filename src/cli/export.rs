@@ -7,6 +7,7 @@ use super::output::csv;
 use super::{GOOD, print};
 use crate::error::{Error, Result, nearest};
 use crate::files::write_atomically;
+use crate::names::counted;
 use crate::run::folder;
 use crate::tables::{self, Table, Values, schema};
 
@@ -42,7 +43,7 @@ pub fn export(dir: &Path, options: &ExportOptions) -> Result<u8> {
     } else {
         csv_files(dir, &chosen, options.table.as_deref(), &out)?
     };
-    print(&format!("{} files in {}", count, out.display()));
+    print(&format!("{} in {}", counted(count, "file"), out.display()));
     Ok(GOOD)
 }
 

@@ -6,6 +6,7 @@ use super::output::{csv, write_table};
 use super::{GOOD, print};
 use crate::error::{Result, SourceFile, nearest};
 use crate::motion::text::{Row, TextTable, at_line};
+use crate::names::counted;
 use crate::skeleton::Skeleton;
 use crate::study::load_skeleton;
 use crate::tables::{Table, Values};
@@ -21,7 +22,12 @@ pub fn moment_arms(model: &Path, poses: &Path, out: Option<&Path>) -> Result<u8>
         None => print(csv(&table)?.trim_end()),
         Some(path) => {
             write_table(&table, metadata, path)?;
-            print(&format!("{} poses, {} muscles: {}", poses.len(), skeleton.muscles.len(), path.display()));
+            print(&format!(
+                "{}, {}: {}",
+                counted(poses.len(), "pose"),
+                counted(skeleton.muscles.len(), "muscle"),
+                path.display()
+            ));
         }
     }
     Ok(GOOD)

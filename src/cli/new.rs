@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::{GOOD, print};
 use crate::error::{Error, Result, SourceFile};
 use crate::motion::MotionTable;
+use crate::names::counted;
 use crate::study::{Study, load_model};
 
 /// The reference arm and its motion, used if the user names no model.
@@ -28,9 +29,9 @@ pub fn new(name: &str, files: Option<(PathBuf, PathBuf)>) -> Result<u8> {
     // Remove a study that cannot be loaded.
     let study = Study::load(&path).inspect_err(|_| _ = std::fs::remove_file(&path))?;
     print(&format!(
-        "{}: {} jobs on {}; comments in the file explain each line",
+        "{}: {} on {}; comments in the file explain each line",
         path.display(),
-        study.jobs.len(),
+        counted(study.jobs.len(), "job"),
         model.display()
     ));
     print(&format!("Next: sinew run {}", path.display()));

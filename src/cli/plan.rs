@@ -8,6 +8,7 @@ use super::layout::{NOTHING_THERE, Sheet};
 use super::output::print_table;
 use super::{GOOD, print};
 use crate::error::Result;
+use crate::names::counted;
 use crate::run::default_folder;
 use crate::run::reasons::{Reason, reasons};
 use crate::study::Study;
@@ -39,14 +40,14 @@ pub fn plan(path: &Path, out: Option<PathBuf>, all: bool, look: Look) -> Result<
     sheet.text("id", 3, jobs.iter().map(|job| job.id.clone()).collect());
     sheet.print(look.wide);
     if study.jobs.len() > shown {
-        print(&format!("… and {} more jobs (--all lists them)", study.jobs.len() - shown));
+        print(&format!("… and {} (--all lists them)", counted(study.jobs.len() - shown, "more job")));
     }
     Ok(GOOD)
 }
 
 fn print_summary(study: &Study, reasons: &[Reason], out: &Path) {
     let model = &study.model;
-    print(&heading(&format!("{}: {} jobs", study.name, study.jobs.len())));
+    print(&heading(&format!("{}: {}", study.name, counted(study.jobs.len(), "job"))));
     if !study.description.is_empty() {
         print(&study.description);
     }

@@ -9,6 +9,7 @@ use super::layout::Sheet;
 use super::output::{print_table, write_table};
 use super::{GOOD, print};
 use crate::error::{Error, Result, nearest};
+use crate::names::counted;
 use crate::outcome::Status;
 use crate::run::folder;
 use crate::tables::{self, Table, Values, schema};
@@ -62,7 +63,7 @@ pub fn rank(folder: &Path, options: &RankOptions<'_>) -> Result<u8> {
         Some(out) => {
             let table = table(&jobs, &axes, options.measure, &rankings);
             write_table(&table, vec![("sinew.axis".to_owned(), options.axis.to_owned())], out)?;
-            print(&format!("{} rows: {}", table.rows(), out.display()));
+            print(&format!("{}: {}", counted(table.rows(), "row"), out.display()));
         }
         None if options.look.format == Format::Table => {
             rankings.iter().for_each(|ranking| print_ranking(&jobs, &axes, options, ranking));

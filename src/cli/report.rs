@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{GOOD, print};
 use crate::error::{Error, Result};
 use crate::files::write_atomically;
+use crate::names::counted;
 use crate::report::Report;
 
 /// Folder of the figures, beside the page.
@@ -40,7 +41,7 @@ pub fn report(dir: &Path, baseline: Option<&Path>, out: Option<PathBuf>, svg: bo
         for (name, figure) in &figures {
             write_atomically(&folder.join(name), figure)?;
         }
-        print(&format!("{} ({} figures)", folder.display(), figures.len()));
+        print(&format!("{} ({})", folder.display(), counted(figures.len(), "figure")));
     }
     Ok(GOOD)
 }

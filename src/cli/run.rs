@@ -10,6 +10,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use crate::error::Result;
+use crate::names::counted;
 use crate::run::{Ended, RunOptions, Shard, collect, default_folder, run as run_study};
 use crate::study::Study;
 use crate::terminal;
@@ -28,7 +29,7 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
         print("");
     }
     let kept = if report.kept > 0 { format!(" ({} of them from an earlier run)", report.kept) } else { String::new() };
-    let finished = format!("{} of {} jobs finished{kept}", report.finished, report.jobs);
+    let finished = format!("{} of {} finished{kept}", report.finished, counted(report.jobs, "job"));
     let code = match report.ended {
         Ended::Interrupted => {
             print("Interrupted: run the same command again to continue.");
@@ -42,7 +43,7 @@ pub fn run(path: &Path, options: RunOptions) -> Result<u8> {
             FAILED_JOBS
         }
         Ended::Complete if report.failed > 0 => {
-            print(&format!("{} jobs did not converge; run with --failed to solve them again.", report.failed));
+            print(&format!("{} did not converge; run with --failed to solve again.", counted(report.failed, "job")));
             FAILED_JOBS
         }
         Ended::Complete => GOOD,
@@ -109,6 +110,6 @@ pub fn merge(dir: &Path) -> Result<u8> {
              `sinew run {file} --out {folder}`."
         ));
     }
-    print(&format!("{} of {} jobs finished; results in {folder}", collected.finished(), collected.jobs));
+    print(&format!("{} of {} finished; results in {folder}", collected.finished(), counted(collected.jobs, "job")));
     Ok(if missing + collected.failed() > 0 { FAILED_JOBS } else { GOOD })
 }

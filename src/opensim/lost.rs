@@ -1,5 +1,6 @@
 //! Notes what a model has and Sinew does not support, by name or in one line per kind, and what that means for results.
 
+use crate::names::counted;
 use indexmap::IndexMap;
 
 use super::document::Element;
@@ -72,7 +73,9 @@ pub fn others(model: Element<'_>, parts: &Parts<'_>, notes: &mut Notes) {
     }
     let ranges = model.descendants("Coordinate").filter(|c| c.flag("clamped", false)).count();
     if ranges > 0 {
-        notes
-            .remark(&format!("ranges of {ranges} clamped coordinate(s)"), "ignored: coordinates may leave their range");
+        notes.remark(
+            &format!("ranges of {}", counted(ranges, "clamped coordinate")),
+            "ignored: coordinates may leave their range",
+        );
     }
 }

@@ -10,6 +10,9 @@ use sinew::tables::schema;
 const READMES: [&str; 6] =
     ["README.md", "studies/README.md", "data/README.md", "results/README.md", "src/README.md", "tests/README.md"];
 
+/// How a quoted command begins, on a line of its own.
+const BEGIN: &str = "\n<!-- sinew ";
+
 fn read(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap()
 }
@@ -23,18 +26,14 @@ fn readmes_quote_what_commands_print() {
         let before = read(path);
         let mut after = String::new();
         let mut rest = before.as_str();
-        while let Some(start) = rest.find("<!-- sinew ") {
-            let command = &rest[start + "<!-- sinew ".len()..];
+        while let Some(start) = rest.find(BEGIN) {
+            let command = &rest[start + BEGIN.len()..];
             let (command, _) = command.split_once(" -->").unwrap();
             let end =
                 start + rest[start..].find("<!-- end -->").unwrap_or_else(|| panic!("{path}: {command} has no end"));
             let printed = sinew(&command.split(' ').collect::<Vec<&str>>(), &root());
             assert!(printed.status.success(), "{command}: {}", text(&printed.stderr));
-            after.push_str(&format!(
-                "{}<!-- sinew {command} -->\n{}\n",
-                &rest[..start],
-                text(&printed.stdout).trim_end()
-            ));
+            after.push_str(&format!("{}{BEGIN}{command} -->\n{}\n", &rest[..start], text(&printed.stdout).trim_end()));
             rest = &rest[end..];
             blocks += 1;
         }

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use super::ranks::printed;
 use super::{Extent, Results};
 use crate::cli::layout::{NOTHING_THERE, Sheet, folded, of_status, of_warning, wrapped};
+use crate::names::counted;
 use crate::terminal::{heading, print as say, width};
 
 /// Swept values that need more than 1/SHARE of the line are replaced by their differences.
@@ -53,7 +54,7 @@ pub fn print(results: &Results, extent: Extent) {
     sheet.colored(of_warning);
     sheet.print(extent.wide);
     if extent.jobs < jobs.rows() {
-        say(&format!("… and {} more jobs (--all shows them)", jobs.rows() - extent.jobs));
+        say(&format!("… and {} (--all shows all)", counted(jobs.rows() - extent.jobs, "more job")));
     }
     if results.regularity.rows() > 0 {
         let starts = (0..jobs.rows()).filter_map(|row| jobs.integer("n_starts", row)).max().unwrap_or(1);
@@ -164,6 +165,6 @@ pub fn print_freedoms(results: &Results, extent: Extent) {
         }
     }
     if shown < free.len() {
-        say(&format!("… and {} more jobs (--all shows them)", free.len() - shown));
+        say(&format!("… and {} (--all shows all)", counted(free.len() - shown, "more job")));
     }
 }

@@ -53,7 +53,7 @@ fn warnings(results: &Results, dir: &Path) {
     if total == 0 {
         return;
     }
-    say(&warning(&format!("Warnings in {total} of {} jobs", jobs.rows())));
+    say(&warning(&format!("Warnings in {total} of {}", counted(jobs.rows(), "job"))));
     for (code, rows) in by_code {
         let mut listed: Vec<String> = rows.iter().take(LISTED).map(|&row| results.index(row)).collect();
         if rows.len() > LISTED {
