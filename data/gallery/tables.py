@@ -150,8 +150,8 @@ def abduction(results):
 def pectoralis(results):
     slack, name = "muscle.PectoralisMajor*.tendon_slack_length_scale", "pectoralis_slack"
     rows = results.read(name).merge(pd.read_parquet(results.run(name) / "muscles.parquet").drop(columns="status"), on="job_id")
-    axes = [axis for axis in ["girdle", "mu"] if axis in rows]
-    rows = rows[(rows.girdle == "equilibrium") & (rows.mu == 0.1)] if len(axes) == 2 else rows
+    for axis, value in [("girdle", "equilibrium"), ("mu", 0.1)]:
+        rows = rows[rows[axis] == value] if axis in rows else rows
     force = rows.pivot_table(index="muscle", columns=slack, values="mean_force_n")
     change = (force[0.85] - force[1.0]).sort_values(key=abs, ascending=False)
     lines = ["| muscle | mean force, N | change, N | change |", "|---|---|---|---|"]
@@ -169,7 +169,7 @@ def arm26(results):
     peaks = rows.pivot_table(index="muscle", columns="muscle.TRIlong.max_isometric_force_scale", values="peak_activation")
     opensim = pd.read_csv(ROOT / "data/arm26_static_optimization.csv", comment="#").set_index("muscle").iloc[:, 0]
     order = opensim.sort_values(ascending=False).index
-    row = lambda title, values: f"| {title} | {' | '.join(f'{values[muscle]:.3f}' for muscle in order)} |"
+    row = lambda title, values: f"| {title} | {' | '.join(f'{round(values[muscle], 3) + 0:.3f}' for muscle in order)} |"
     return [
         f"| | {' | '.join(order)} |",
         "|---" * (1 + len(order)) + "|",

@@ -31,7 +31,7 @@ fn readmes_quote_what_commands_print() {
             let (command, _) = command.split_once(" -->").unwrap();
             let end =
                 start + rest[start..].find("<!-- end -->").unwrap_or_else(|| panic!("{path}: {command} has no end"));
-            let printed = sinew(&command.split(' ').collect::<Vec<&str>>(), &root());
+            let printed = sinew(&command.split(' ').collect::<Vec<&str>>(), root());
             assert!(printed.status.success(), "{command}: {}", text(&printed.stderr));
             after.push_str(&format!("{}{BEGIN}{command} -->\n{}\n", &rest[..start], text(&printed.stdout).trim_end()));
             rest = &rest[end..];
