@@ -68,7 +68,7 @@ fn hint(cause: &std::io::Error, path: &Path) -> String {
     match cause.kind() {
         std::io::ErrorKind::NotFound => match nearest_file(path) {
             Some(near) => format!("no such file; did you mean `{}`?", near.display()),
-            None => "no such file: paths in a study file are relative to the study file".to_owned(),
+            None => "no such file; paths given in a study file are relative to that file".to_owned(),
         },
         std::io::ErrorKind::PermissionDenied => "check the permissions of the file and its folder".to_owned(),
         std::io::ErrorKind::StorageFull => "free some space and run again: finished jobs are kept".to_owned(),

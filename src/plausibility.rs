@@ -28,8 +28,8 @@ pub const WARNING_KINDS: [WarningKind; 8] = [
         code: "saturated",
         limit: "activation at its upper bound for more than warn.saturated (0.1) of the time, or activation or \
                 excitation above 1 where it has no upper bound",
-        remedy: "the muscles are too weak for this motion: check maximum forces, masses and external forces; set \
-                 bounds = \"both_boxed\"",
+        remedy: "the muscles are too weak for this motion: check maximum forces, masses and external forces; \
+                 where nothing bounds activations, set bounds = \"both_boxed\"",
     },
     WarningKind {
         code: "overload",
@@ -56,7 +56,7 @@ pub const WARNING_KINDS: [WarningKind; 8] = [
     WarningKind {
         code: "mesh",
         limit: "estimated discretisation error of the effort or of a mean force above warn.mesh (0.05)",
-        remedy: "use more stages (stages = 3) or a smaller h",
+        remedy: "use a smaller h, or for planar models more stages (stages = 3)",
     },
     WarningKind {
         code: "fibre_velocity",

@@ -12,14 +12,15 @@ use crate::terminal::{Color, Voice};
 #[derive(Parser)]
 #[command(name = "sinew", version, propagate_version = true, max_term_width = 110)]
 #[command(after_help = "Examples:
-  sinew new my_study                            write a commented study to start from
-  sinew run my_study.toml                       solve all jobs, print the tables
-  sinew plan my_study.toml                      list the jobs without solving them
-  sinew show results/my_study                   print the tables again
-  sinew report results/my_study                 write a page of figures
-  sinew keys my_model.osim                      what a study can vary
-  sinew check my_study.toml my_model.toml       look for mistakes
-  sinew compare results/nightly results/baselines/nightly     has anything changed?
+  sinew new my_study                        write a commented study
+  sinew run my_study.toml                   solve all jobs, print the tables
+  sinew plan my_study.toml                  list the jobs without solving them
+  sinew show results/my_study               print the tables again
+  sinew report results/my_study             write a page of figures
+  sinew keys my_model.osim                  what a study can vary
+  sinew check my_study.toml my_model.toml   look for mistakes
+  # Has anything changed?
+  sinew compare results/nightly results/baselines/nightly
 
 Exit code: 0 success, 1 some jobs failed or drift was found, 2 bad input, 130 interrupted.")]
 pub struct Cli {
@@ -95,7 +96,7 @@ pub enum Format {
 pub enum Command {
     /// Write a commented study to start from
     #[command(after_help = "Examples:
-  sinew new my_study                                           on the reference arm, written beside it
+  sinew new my_study   on the reference arm, written beside it
   sinew new my_study --model arm26.osim --motion curl.mot
 
 Next: sinew run my_study.toml")]
@@ -112,7 +113,7 @@ Next: sinew run my_study.toml")]
     /// List what a study can set and sweep: its settings, or the numeric parameters of a model
     #[command(after_help = "Examples:
   sinew keys                                     settings with their defaults
-  sinew keys arm26.osim                          parameters of a model by kind, with values and units
+  sinew keys arm26.osim   parameters of a model by kind, with values and units
   sinew keys arm26.osim 'muscle.BRA.*'           all keys that match
   sinew keys arm26.osim '*' --format csv > keys.csv")]
     Keys {
@@ -145,7 +146,8 @@ Next: sinew run my_study.toml")]
   sinew run studies/table1.toml --out /tmp/table1 --jobs 1
   sinew run studies/table1.toml --failed        also solve failed jobs again
   sinew run studies/table1.toml --fresh         discard earlier results first
-  sinew run results/table1 --out /tmp/again     run a study again from its manifest
+  # Run a study again from its manifest
+  sinew run results/table1 --out /tmp/again
   seq 0 3 | parallel --joblog log --resume-failed sinew run STUDY --shard {}/4; sinew merge results/NAME
 
 Ctrl-C keeps all finished jobs; run the same command again to continue.")]
@@ -188,8 +190,10 @@ Ctrl-C keeps all finished jobs; run the same command again to continue.")]
   sinew compare results/nightly results/baselines/nightly
   sinew compare results/nightly results/baselines/nightly --junit report.xml --json report.json
   sinew compare results/nightly results/baselines/nightly --tolerance mean_force_n=1e-4 --tolerance iterations=ignore
-  sinew compare results/one results/other --tolerance '*=exact'           all columns equal, except times
-  sinew compare results/nightly results/baselines/nightly --accept       make these results the baseline
+  # All columns equal, except times
+  sinew compare results/one results/other --tolerance '*=exact'
+  # Make these results the baseline
+  sinew compare results/nightly results/baselines/nightly --accept
 
 By default, ranks, statuses and counts must be equal and most numbers agree within a relative 1e-6. A file
 tolerances.toml in the baseline can set other tolerances by column.")]
@@ -215,7 +219,8 @@ tolerances.toml in the baseline can set other tolerances by column.")]
     #[command(after_help = "Examples:
   sinew slurm studies/mu_sweep.toml --shards 50 --time 02:00:00
   sinew slurm studies/mu_sweep.toml --shards 50 --submit
-  sinew slurm studies/mu_sweep.toml --submit                    submit only shards with missing jobs
+  # Submit only shards with missing jobs
+  sinew slurm studies/mu_sweep.toml --submit
 
 The results folder must be on a file system that all nodes share.")]
     Slurm(slurm::Arguments),
@@ -306,7 +311,7 @@ a column keep their default. A moment arm is −∂L/∂q, in m; coordinates cou
     /// Rank muscles by their response to a swept parameter, relative to a reference value
     #[command(after_help = "Examples:
   sinew rank results/pectoralis_slack --axis 'muscle.PectoralisMajor*.tendon_slack_length_scale' --reference 1
-  sinew rank results/mu_sweep --axis mu --reference 0.2 --measure mean_activation --out ranking.parquet")]
+  sinew rank results/my_study --axis mu --reference 0.2 --measure mean_activation --out ranking.parquet")]
     Rank {
         /// Results folder
         dir: PathBuf,
@@ -342,7 +347,8 @@ a column keep their default. A moment arm is −∂L/∂q, in m; coordinates cou
     /// Write jobs as OpenSim storage files (.sto), or tables as CSV
     #[command(group = clap::ArgGroup::new("kind").required(true))]
     #[command(after_help = "Examples:
-  sinew export results/arm26 --sto --jobs 0,3        coordinates, activations, forces of jobs 0 and 3
+  # Coordinates, activations, forces of jobs 0 and 3
+  sinew export results/arm26 --sto --jobs 0,3
   sinew export results/arm26 --csv                   all tables
   sinew export results/arm26 --csv --table muscles --out tables
 

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::layout::wrapped;
 use super::{BAD_INPUT, GOOD, print};
 use crate::error::{Error, Issue, Result, SourceFile};
 use crate::model::Model;
@@ -23,7 +24,10 @@ pub fn check(files: &[std::path::PathBuf], model: Option<&Path>) -> Result<u8> {
     let mut code = GOOD;
     for path in files {
         match check_one(path, model.as_ref()) {
-            Ok(summary) => print(&format!("{}: {summary}", path.display())),
+            Ok(summary) => {
+                let text = format!("{}: {summary}", path.display());
+                text.lines().for_each(|line| print(&wrapped(line, "    ")));
+            }
             Err(error) => {
                 terminal::error(&format!("{:?}", miette::Report::new(error)));
                 code = BAD_INPUT;
@@ -120,15 +124,20 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
         let intended = ranges(name)
             .map(|[low, high]| format!(" (range in the model: {:.1} to {:.1}{unit})", low * factor, high * factor));
         out.push_str(&format!(
-            "\n  {name}: {:.1} to {:.1}{unit}, up to {:.1}{unit}/s{}",
-            low * factor,
-            high * factor,
-            rate * factor,
+            "\n  {name}: {:.1} to {:.1}{unit}, rate up to {:.1}{unit}/s{}",
+            tenths(low * factor),
+            tenths(high * factor),
+            tenths(rate * factor),
             intended.unwrap_or_default()
         ));
     }
     table.notes.iter().for_each(|note| out.push_str(&format!("\nnote: {note}")));
     out
+}
+
+/// Rounds to tenths; a zero has no sign.
+fn tenths(value: f64) -> f64 {
+    (10.0 * value).round() / 10.0 + 0.0
 }
 
 /// Lists what is lost from the model of a study if it is an OpenSim model; empty otherwise.

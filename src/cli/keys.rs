@@ -32,9 +32,13 @@ pub fn keys(model: Option<&Path>, pattern: Option<&str>, look: Look) -> Result<u
             let wild = wildmatch::WildMatch::new(pattern);
             let matching: Vec<&(String, f64)> = numbers.iter().filter(|(key, _)| wild.matches(key)).collect();
             if matching.is_empty() {
-                let reason =
-                    format!("no key matches `{pattern}`; `sinew keys {}` lists all kinds of keys", path.display());
-                return Err(Error::table("list keys of", path, reason));
+                let near = numbers.iter().find(|(key, _)| key.split('.').nth(1) == pattern.rsplit('.').next());
+                let near = near.and_then(|(key, _)| key.split('.').next());
+                let name = pattern.rsplit('.').next().unwrap_or_default();
+                let near = near.map(|group| format!("did you mean '{group}.{name}.*'? ")).unwrap_or_default();
+                let path = path.display();
+                let reason = format!("no key matches `{pattern}`; {near}`sinew keys {path}` lists all kinds of keys");
+                return Err(Error::table("list keys of", file.path.as_path(), reason));
             }
             one_by_one(&matching)
         }

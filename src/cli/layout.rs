@@ -54,9 +54,23 @@ impl Sheet {
         self
     }
 
-    /// Prints the table; with `wide`, all columns.
+    /// Prints the table and the names of the columns that do not fit; with `wide`, all columns.
     pub fn print(mut self, wide: bool) {
         let hidden = if wide { Vec::new() } else { self.fit(terminal::width()) };
+        self.draw();
+        if !hidden.is_empty() {
+            print(&wrapped(&format!("(--wide also shows: {})", hidden.join(", ")), "  "));
+        }
+    }
+
+    /// Prints as much of the table as fits; returns the number of columns that do not.
+    pub fn print_fitting(mut self, wide: bool) -> usize {
+        let hidden = if wide { 0 } else { self.fit(terminal::width()).len() };
+        self.draw();
+        hidden
+    }
+
+    fn draw(&self) {
         let mut grid = Grid::new();
         grid.load_preset(NOTHING).set_style(comfy_table::TableComponent::VerticalLines, ' ');
         if terminal::is_colored() {
@@ -79,9 +93,6 @@ impl Sheet {
             }));
         }
         print(&grid.trim_fmt());
-        if !hidden.is_empty() {
-            print(&wrapped(&format!("(--wide also shows: {})", hidden.join(", ")), "  "));
-        }
     }
 
     /// Hides columns until the table is at most `width` characters wide; returns the hidden titles.

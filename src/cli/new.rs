@@ -61,11 +61,13 @@ fn study_text(name: &str, path: &Path, model_path: &Path, motion_path: &Path) ->
     let (_, model) = load_model(&SourceFile::read(model_path)?)?;
     let motion = MotionTable::load(motion_path, &model)?;
     let (duration, is_spatial) = (motion.duration(), model.spatial().is_some());
-    let (min_intervals, max_h) = if is_spatial { (20, 0.05) } else { (10, 0.1) };
+    let (min_intervals, max_h) = if is_spatial { (40, 0.025) } else { (10, 0.1) };
     let intervals = ((duration / max_h).round() as usize).clamp(min_intervals, MAX_INTERVALS);
     let h = duration / intervals as f64;
-    let muscle = model.muscles.first().map_or("NAME", |muscle| muscle.name.as_str());
-    let other = model.muscles.get(1).map_or("NAME", |muscle| muscle.name.as_str());
+    // The README sweeps the biceps of the reference arm.
+    let sweepable = || model.muscles.iter().filter(|muscle| muscle.name == "biceps").chain(&model.muscles);
+    let muscle = sweepable().next().map_or("NAME", |muscle| muscle.name.as_str());
+    let other = sweepable().map(|other| other.name.as_str()).find(|name| *name != muscle).unwrap_or("NAME");
     let coordinate = model.joint_coordinates().into_iter().find(|(_, is_angle)| *is_angle);
     let coordinate = coordinate.map_or_else(|| "COORDINATE".to_owned(), |(name, _)| name.to_owned());
     let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
@@ -87,7 +89,8 @@ motion = {motion_path}
 
 # Values of all jobs. `sinew keys` lists all settings.
 [base]
-h = {h}      # length of a mesh interval, s: {intervals} intervals in {duration} s
+# Length of a mesh interval, s: {intervals} intervals in {duration} s. Halve it while jobs have the warning `mesh`.
+h = {h}
 bounds = "both_boxed"      # activations and excitations between 0 and 1
 regularity = "optimum"     # rank test at the solution: is the answer unique?
 trajectories = true        # store functions of time, for figures and `sinew export`

@@ -18,6 +18,8 @@ use crate::terminal::heading;
 /// Columns of `muscles` to rank by.
 const MEASURES: [&str; 6] =
     ["mean_force_n", "peak_force_n", "impulse_n_s", "mean_activation", "peak_activation", "min_force_n"];
+/// Values of an axis listed in a message.
+const MOST_VALUES: usize = 12;
 /// Muscles printed for each job.
 const FIRST: usize = 10;
 
@@ -90,7 +92,12 @@ fn check(folder: &Path, jobs: &Table, axes: &[String], options: &RankOptions<'_>
     if !(0..jobs.rows()).any(|row| is_reference(jobs, options, row)) {
         let mut values: Vec<String> =
             (0..jobs.rows()).map(|row| jobs.display(options.axis, row).unwrap_or_default()).collect();
+        values.sort_by(|a, b| a.parse::<f64>().ok().partial_cmp(&b.parse::<f64>().ok()).unwrap_or(a.cmp(b)));
         values.dedup();
+        if values.len() > MOST_VALUES {
+            values.truncate(MOST_VALUES);
+            values.push("…".to_owned());
+        }
         let (axis, reference) = (options.axis, options.reference);
         return wrong(format!("no job has {axis} = {reference}; its values: {}", values.join(", ")));
     }

@@ -9,6 +9,8 @@ const sinewFigures = (report) => {
   const COLOURS = ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#8c6d00', '#7f7f7f'];
   const DASHES = ['solid', 'dashed', 'dotted'];
   const SYMBOLS = ['circle', 'rect', 'triangle', 'diamond'];
+  // Title of the time axis, which is always linear.
+  const TIME = 'time, s';
   // If there are more muscles than this, each gets its own figure.
   const TOGETHER = 8;
 
@@ -131,7 +133,7 @@ const sinewFigures = (report) => {
   // Lines [{name, points: [[x, y], …], style, dashed}] over a common axis. With `log`, y is plotted as its decimal exponent, at least −16.
   const lines = (name, title, { x, y, series, log, symbols = true, extra = [] }) => {
     const [least, most] = series.flatMap((one) => one.points).reduce(([low, high], [a]) => [Math.min(low, a), Math.max(high, a)], [Infinity, -Infinity]);
-    const decades = least > 0 && most >= WIDE * least;
+    const decades = x !== TIME && least > 0 && most >= WIDE * least;
     symbols &&= series.every((one) => one.points.length <= POINTS);
     const value = (point) => exact(log ? point.value[2] : point.value[1]);
     return {
@@ -312,7 +314,7 @@ const sinewFigures = (report) => {
     };
     const drawn = (signal, title, unit, others = []) => {
       const series = signals.has(signal) ? withOther(signal, [...others, ['baseline', all(oldSignals, signal)]]) : [];
-      return series.length ? [lines(signal, title, { x: 'time, s', y: unit, series, symbols: false })] : [];
+      return series.length ? [lines(signal, title, { x: TIME, y: unit, series, symbols: false })] : [];
     };
     return [
       ...SIGNALS.flatMap(([signal, title, unit]) => drawn(signal, title, withUnit(title.toLowerCase(), unit || '1'))),

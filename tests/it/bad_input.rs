@@ -3,7 +3,7 @@
 use sinew::error::SourceFile;
 use sinew::motion::MotionTable;
 
-use super::cli::{sinew, text};
+use super::cli::{one_line, sinew, text};
 use super::support::{SMALL, folder, root};
 
 struct Mistake {
@@ -451,6 +451,6 @@ fn a_gap_of_a_motion_is_named() {
         .for_each(|k| table.push_str(&format!("{},-5,{k}\n", 0.025 * f64::from(k))));
     let mistake = motion("fine", "m.csv", &table, &[]);
     let folder = folder(&[("study.toml", &mistake.study), ("m.csv", &table)]);
-    let said = text(&sinew(&["check", "study.toml"], folder.path()).stdout);
+    let said = one_line(&text(&sinew(&["check", "study.toml"], folder.path()).stdout));
     assert!(said.contains("no measurements between 0.175 and 0.750 s (23 times the median step)"), "{said}");
 }

@@ -490,5 +490,5 @@ fn muscles_are_ranked_by_their_answer_to_a_change() {
     }
     let refused = rank("0.5");
     assert_eq!(refused.status.code(), Some(2));
-    assert!(super::cli::text(&refused.stderr).contains("its values: 1, 0.9"), "{}", super::cli::text(&refused.stderr));
+    assert!(super::cli::text(&refused.stderr).contains("its values: 0.9, 1"), "{}", super::cli::text(&refused.stderr));
 }

@@ -38,8 +38,8 @@ pub fn print(results: &Results, extent: Extent) {
     if !results.regularity.columns.is_empty() && results.regularity.rows() > 0 {
         let verdict = |row| verdict(results, rank(row));
         sheet.text("unique", 1, rows.clone().map(verdict).collect());
-        sheet.number("A", 3, rows.clone().map(|row| count("deficiency_a", row)).collect());
-        sheet.number("[Aᵀ Jᵀ]", 3, rows.clone().map(|row| count("deficiency_aj", row)).collect());
+        let deficiencies = |row| format!("{}/{}", count("deficiency_a", row), count("deficiency_aj", row));
+        sheet.number("A/[Aᵀ Jᵀ]", 5, rows.clone().map(deficiencies).collect());
         let predicted =
             |row| format!("{}/{}", count("predicted_deficiency_a", row), count("predicted_deficiency_aj", row));
         sheet.number("predicted", 6, rows.clone().map(predicted).collect());
@@ -50,7 +50,7 @@ pub fn print(results: &Results, extent: Extent) {
     sheet.number("objective", 6, number("objective", 7, 1.0));
     sheet.number("optima", 6, whole("n_distinct_optima"));
     sheet.number("time, s", 6, number("wall_s", 3, 1.0));
-    sheet.text("warnings", 5, rows.map(|row| jobs.text("warnings", row).unwrap_or("").to_owned()).collect());
+    sheet.text("warnings", 3, rows.map(|row| jobs.text("warnings", row).unwrap_or("").to_owned()).collect());
     sheet.colored(of_warning);
     sheet.print(extent.wide);
     if extent.jobs < jobs.rows() {
@@ -61,8 +61,9 @@ pub fn print(results: &Results, extent: Extent) {
         let starts = if starts == 1 { "one start".to_owned() } else { format!("{starts} starts") };
         say(&wrapped(
             &format!(
-                "unique: `answer` (everything is determined), `loads` (only the muscle loads), or `no`. The verdict \
-                 holds for the optimum found from {starts}; there may be others."
+                "unique: `answer` (everything is determined), `loads` (only the muscle loads), or `no`; with `?`, \
+                 singular values have no clear gap and the ranks depend on the tolerance. The verdict holds for the \
+                 optimum found from {starts}; there may be others. A/[Aᵀ Jᵀ]: rank deficiencies."
             ),
             "",
         ));
@@ -106,13 +107,14 @@ fn most_common(cells: Vec<String>) -> String {
 
 fn verdict(results: &Results, rank: Option<usize>) -> String {
     let flag = |name: &str| rank.and_then(|row| results.regularity.flag(name, row));
-    match (flag("answer_unique"), flag("loads_unique")) {
+    let verdict = match (flag("answer_unique"), flag("loads_unique")) {
         (Some(true), _) => "answer",
         (_, Some(true)) => "loads",
         (_, Some(false)) => "no",
-        _ => NOTHING_THERE,
-    }
-    .to_owned()
+        _ => return NOTHING_THERE.to_owned(),
+    };
+    let is_ambiguous = flag("ambiguous") == Some(true);
+    format!("{verdict}{}", if is_ambiguous { "?" } else { "" })
 }
 
 /// Shortens a number with many digits for a table. Integers and other texts are unchanged.

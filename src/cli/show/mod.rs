@@ -9,6 +9,7 @@ mod summary;
 use std::path::Path;
 
 use super::arguments::{Format, Look};
+use super::layout::wrapped;
 use super::output::print_table;
 use super::{GOOD, note, print};
 use crate::error::{Error, Result, nearest};
@@ -132,7 +133,13 @@ pub fn print_all(dir: &Path, all: bool, wide: bool) -> Result<()> {
 fn next_steps(dir: &Path) {
     let folder = dir.display();
     print(&format!("\n{}", heading("Next")));
-    print(&format!("  sinew report {folder}      a page of figures: loads, ranks, functions of time"));
-    print("  sinew describe             explanations of all tables and columns");
+    let commands = [
+        (format!("sinew report {folder}"), "a page of figures: loads, ranks, time courses"),
+        ("sinew describe".to_owned(), "what each table and column means"),
+    ];
+    let longest = commands.iter().map(|(command, _)| command.chars().count()).max().unwrap_or(0);
+    for (command, what) in commands {
+        print(&wrapped(&format!("  {command:longest$}   {what}"), "      "));
+    }
     print(&format!("Results: {folder}"));
 }

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use super::{Extent, Results};
 use crate::cli::layout::{NOTHING_THERE, Sheet};
+use crate::names::counted;
 use crate::terminal::{heading, print as say};
 
 /// A muscle without activation counts as idle only if its mean force is below this, N; otherwise it is passive.
@@ -43,19 +44,17 @@ pub fn print_forces(results: &Results, extent: Extent) {
         }
     };
     say("");
-    let which = if most.len() < count {
-        format!(" of the {} of {count} muscles that carry most", most.len())
-    } else {
-        String::new()
-    };
-    say(&heading(&format!("Muscle forces{which}, mean/peak in N")));
+    say(&heading("Muscle forces, mean/peak in N, the largest first"));
     let mut sheet = Sheet::default();
     sheet.number("job", 0, (0..extent.jobs).map(|row| results.index(row)).collect());
     for (place, (name, _)) in most.iter().enumerate() {
         let rank = u8::try_from(place).unwrap_or(u8::MAX);
         sheet.number(*name, rank, (0..extent.jobs).map(|row| cell(row, name)).collect());
     }
-    sheet.print(extent.wide);
+    let shown = most.len() - sheet.print_fitting(extent.wide);
+    if shown < count {
+        say(&format!("({}: --wide prints all, `sinew report` plots them)", counted(count - shown, "more muscle")));
+    }
 }
 
 /// Prints the declared load ratios.

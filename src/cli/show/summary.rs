@@ -55,13 +55,18 @@ fn warnings(results: &Results, dir: &Path) {
     }
     say(&warning(&format!("Warnings in {total} of {}", counted(jobs.rows(), "job"))));
     for (code, rows) in by_code {
+        let is_in_all = rows.len() == jobs.rows() && rows.len() > LISTED;
         let mut listed: Vec<String> = rows.iter().take(LISTED).map(|&row| results.index(row)).collect();
         if rows.len() > LISTED {
             listed.push("…".to_owned());
         }
         let kind = WARNING_KINDS.iter().find(|kind| kind.code == code);
         let (limit, remedy) = kind.map_or(("", ""), |kind| (kind.limit, kind.remedy));
-        say(&wrapped(&format!("  {code}: {} ({}); {limit}", counted(rows.len(), "job"), listed.join(", ")), "      "));
+        let which = match is_in_all {
+            true => "all jobs".to_owned(),
+            false => format!("{} ({})", counted(rows.len(), "job"), listed.join(", ")),
+        };
+        say(&wrapped(&format!("  {code}: {which}; {limit}"), "      "));
         say(&wrapped(&format!("    → {remedy}"), "      "));
     }
     let file = dir.join("jobs.parquet");
