@@ -28,6 +28,7 @@
 //! memory.rs       how much memory a job will take
 //! solve.rs        one job → outcome, the whole pipeline. No disk access, no printing.
 //! outcome.rs      the rows of a job
+//! reference.rs    every key of the files that users write, with its meaning
 //! names.rs        which names are allowed
 //! files.rs        files that are written whole or not at all
 //! terminal.rs     the only place that prints; a failed print never fails a run
