@@ -182,7 +182,8 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
         C::number(
             "effort_mesh_error",
             "s",
-            "estimated discretisation error of the effort: computed minus exact; radau only",
+            "estimated discretisation error of the effort: computed minus exact, a rough figure; radau only, null where no estimate \
+             is possible (then there is no warning `mesh` either)",
             |l| l.row.effort_mesh_error,
         ),
         C::number("tracking_rms_m", "m", "RMS error of the positions of the bodies at the measured instants", |l| {
@@ -364,7 +365,7 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
         C::number(
             "mean_force_mesh_error_n",
             "N",
-            "estimated discretisation error of the mean force: computed minus exact; radau only",
+            "estimated discretisation error of the mean force: computed minus exact, a rough figure; radau only",
             |l| l.row.mean_force_mesh_error_n,
         ),
         C::number("peak_force_n", "N", "largest tendon force", |l| Some(l.row.peak_force_n)),
