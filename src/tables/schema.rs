@@ -182,8 +182,8 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
         C::number(
             "effort_mesh_error",
             "s",
-            "estimated discretisation error of the effort: computed minus exact, a rough figure; radau only, null where \
-             no estimate is possible (then there is no warning `mesh` either)",
+            "estimated discretisation error of the effort: computed minus exact, a rough figure; radau only, null \
+             where no estimate is possible (then there is no warning `mesh` either)",
             |l| l.row.effort_mesh_error,
         ),
         C::number("tracking_rms_m", "m", "RMS error of the positions of the bodies at the measured instants", |l| {
