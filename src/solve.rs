@@ -78,7 +78,10 @@ pub fn complete(task: Task<'_>, had: RegularityMode, solved: &Outcome) -> Option
     outcome.trajectories.clear();
     if is_new || task.settings.trajectories {
         let regularity = if is_new { wanted } else { RegularityMode::Off };
-        let settings = Settings { regularity, starts: 1, ..task.settings.clone() };
+        // No iterations: only the stored solution is analysed, in what is left of the time.
+        let left = |limit: f64| (limit - solved.job.wall_s.unwrap_or(0.0)).max(0.0);
+        let time_limit_s = task.settings.time_limit_s.map(left);
+        let settings = Settings { regularity, starts: 1, max_iterations: 0, time_limit_s, ..task.settings.clone() };
         let (again, _) =
             attempt(Task { settings: &settings, ..task }, StartFrom::Solution(solved.solution.as_ref()?), clock);
         if again.job.status != Status::Converged || again.job.iterations != Some(0) {

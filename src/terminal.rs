@@ -58,7 +58,8 @@ pub fn is_quiet() -> bool {
     voice().quiet
 }
 
-fn use_color(is_terminal: bool) -> bool {
+/// Whether output is in colour, depending on whether it goes to a terminal.
+pub fn uses_color(is_terminal: bool) -> bool {
     let is_allowed = || std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     match voice().color {
         Color::Always => true,
@@ -69,7 +70,7 @@ fn use_color(is_terminal: bool) -> bool {
 
 /// Whether standard output is in colour.
 pub fn is_colored() -> bool {
-    use_color(std::io::stdout().is_terminal())
+    uses_color(std::io::stdout().is_terminal())
 }
 
 /// Characters per line of standard output; [`DEFAULT_WIDTH`] if that is not a terminal.
@@ -91,7 +92,7 @@ pub fn warning(text: &str) -> String {
 /// Prints a line on standard output. A broken pipe (`sinew show … | head`) is not an error.
 pub fn print(text: &str) {
     let mut out = std::io::stdout().lock();
-    let text = if use_color(out.is_terminal()) { colored(text) } else { visible(text) };
+    let text = if uses_color(out.is_terminal()) { colored(text) } else { visible(text) };
     if let Err(error) = writeln!(out, "{text}").and_then(|()| out.flush())
         && error.kind() != std::io::ErrorKind::BrokenPipe
     {
@@ -115,7 +116,7 @@ pub fn note(text: &str) {
 pub fn error(text: &str) {
     static IS_STUCK: AtomicBool = AtomicBool::new(false);
     let (written, is_written) = mpsc::sync_channel(1);
-    let text = if use_color(std::io::stderr().is_terminal()) { colored(text) } else { visible(text) };
+    let text = if uses_color(std::io::stderr().is_terminal()) { colored(text) } else { visible(text) };
     if writer().try_send((text, written)).is_ok()
         && !IS_STUCK.load(Ordering::Relaxed)
         && is_written.recv_timeout(NOTE_TIMEOUT) == Err(mpsc::RecvTimeoutError::Timeout)

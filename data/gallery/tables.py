@@ -141,8 +141,9 @@ def abduction(results):
         for force, of in rows[rows.girdle == girdle].groupby(strength):
             values = of.set_index(offset).value
             lines.append(f"| {girdle} | {force:g} | {' | '.join(f'{values[value]:.2f}' for value in offsets)} |")
-    jobs = results.read("abduction", "regularity")
-    converged = jobs[jobs.status == "converged"]
+    jobs = results.read("abduction")
+    converged = results.read("abduction", "regularity")
+    converged = converged[converged.status == "converged"]
     lines += ["", f"{len(converged)} of {len(jobs)} jobs converge; loads are unique in {int(converged.loads_unique.sum())}; {int(jobs.warnings.notna().sum())} have warnings."]
     return lines
 

@@ -37,7 +37,11 @@ pub fn describe(dir: Option<&Path>, table: Option<&str>, look: Look) -> Result<u
         }
     }
     if let (Some(dir), true) = (dir, entries.is_empty()) {
-        return Err(Error::table("describe", dir, "the folder has no tables; `sinew run STUDY` writes them"));
+        let reason = match table {
+            Some(table) => format!("the folder has no table `{table}`"),
+            None => "the folder has no tables; `sinew run STUDY` writes them".to_owned(),
+        };
+        return Err(Error::table("describe", dir, reason));
     }
     match look.format {
         Format::Table => print_text(&entries),
@@ -106,7 +110,7 @@ fn print_markdown(entries: &[DescribedColumn]) {
             schema::row_of(name)
         ));
         for DescribedColumn { column, kind, unit, meaning, .. } in of_table {
-            print(&format!("| `{column}` | {kind} | {unit} | {} |", meaning.replace('|', "\\|")));
+            print(&format!("| `{}` | {kind} | {unit} | {} |", column.replace('|', "\\|"), meaning.replace('|', "\\|")));
         }
         print("");
     }

@@ -50,7 +50,7 @@ pub fn keys(model: Option<&Path>, pattern: Option<&str>, look: Look) -> Result<u
         print_definition(
             "",
             &format!(
-                "A study can set each of these, or a factor on it with the suffix _scale. \
+                "A study can set each of these; with the suffix _scale, a factor on those that the model file gives. \
                  `sinew keys {path} 'muscle.*.path.*'` lists all keys that match the pattern."
             ),
         );

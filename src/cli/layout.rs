@@ -98,10 +98,14 @@ impl Sheet {
     /// Hides columns until the table is at most `width` characters wide; returns the hidden titles.
     fn fit(&mut self, width: usize) -> Vec<String> {
         let mut hidden = Vec::new();
-        while self.columns.iter().map(SheetColumn::width).sum::<usize>() > width + MARGIN {
+        let mut widths: Vec<usize> = self.columns.iter().map(SheetColumn::width).collect();
+        while widths.iter().sum::<usize>() > width + MARGIN {
             let least_important = self.columns.iter().enumerate().max_by_key(|(i, column)| (column.rank, *i));
             match least_important {
-                Some((i, column)) if column.rank > 0 => hidden.insert(0, self.columns.remove(i).title),
+                Some((i, column)) if column.rank > 0 => {
+                    widths.remove(i);
+                    hidden.insert(0, self.columns.remove(i).title);
+                }
                 _ => break,
             }
         }
@@ -125,12 +129,13 @@ impl SheetColumn {
     }
 }
 
-/// Wraps a text to lines of about `width` characters, breaking after `.`, `_` or a space.
+/// Wraps a text to lines of about `width` characters, breaking after `.` (not within a number), `_` or a space.
 pub fn folded(name: &str, width: usize) -> String {
     let mut lines = vec![String::new()];
     for part in name.split_inclusive(['.', '_', ' ']) {
         let last = lines.last_mut().expect("at least one line");
-        if last.is_empty() || last.width() + part.trim_end().width() <= width {
+        let is_number = last.ends_with('.') && part.starts_with(|c: char| c.is_ascii_digit());
+        if last.is_empty() || is_number || last.width() + part.trim_end().width() <= width {
             last.push_str(part);
         } else {
             lines.push(part.to_owned());
@@ -182,6 +187,7 @@ mod tests {
             "muscle.biceps.\ntendon_slack_\nlength_scale"
         );
         assert_eq!(folded("mu", 10), "mu");
+        assert_eq!(folded("mu = 0.25", 6), "mu =\n0.25");
     }
 
     #[test]

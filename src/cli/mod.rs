@@ -43,6 +43,9 @@ pub fn main() -> ExitCode {
         Err(error) => return print_message(error),
     };
     terminal::speak((&cli.terminal).into());
+    let is_colored = terminal::uses_color(std::io::stderr().is_terminal());
+    // Fails only if there is a hook already.
+    let _ = miette::set_hook(Box::new(move |_| Box::new(miette::MietteHandlerOpts::new().color(is_colored).build())));
     let code = run_command(cli.command).unwrap_or_else(|failure| {
         error(&format!("{:?}", miette::Report::new(failure)));
         BAD_INPUT
@@ -92,7 +95,11 @@ fn run_command(command: Command) -> Result<u8> {
 fn print_message(message: clap::Error) -> ExitCode {
     let is_terminal =
         if message.use_stderr() { std::io::stderr().is_terminal() } else { std::io::stdout().is_terminal() };
-    let text = if is_terminal { message.render().ansi().to_string() } else { message.render().to_string() };
+    let text = if terminal::uses_color(is_terminal) {
+        message.render().ansi().to_string()
+    } else {
+        message.render().to_string()
+    };
     match message.use_stderr() {
         true => error(text.trim_end()),
         false => print(text.trim_end()),

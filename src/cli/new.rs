@@ -21,30 +21,45 @@ pub fn new(name: &str, files: Option<(PathBuf, PathBuf)>) -> Result<u8> {
     if path.exists() {
         return Err(Error::table("write", &path, "the file already exists; choose another name"));
     }
-    let (model, motion) = match files {
-        Some(files) => files,
-        None => (beside(&path, ARM)?, beside(&path, CURL)?),
-    };
-    write_new(&path, &study_text(name, &path, &model, &motion)?)?;
-    // Remove a study that cannot be loaded.
-    let study = Study::load(&path).inspect_err(|_| _ = std::fs::remove_file(&path))?;
+    let mut written = Vec::new();
+    let study = written_study(name, &path, files, &mut written).inspect_err(|_| {
+        // A study that cannot be loaded is removed, with what came with it.
+        written.iter().for_each(|file| _ = std::fs::remove_file(file));
+    })?;
     print(&format!(
         "{}: {} on {}; comments in the file explain each line",
         path.display(),
         counted(study.jobs.len(), "job"),
-        model.display()
+        study.sources.model.path.display()
     ));
     print(&format!("Next: sinew run {}", path.display()));
     Ok(GOOD)
 }
 
+/// Writes the study and loads it. `written` gets the files that did not exist before.
+fn written_study(
+    name: &str,
+    path: &Path,
+    files: Option<(PathBuf, PathBuf)>,
+    written: &mut Vec<PathBuf>,
+) -> Result<Study> {
+    let (model, motion) = match files {
+        Some(files) => files,
+        None => (beside(path, ARM, written)?, beside(path, CURL, written)?),
+    };
+    write_new(path, &study_text(name, path, &model, &motion)?)?;
+    written.push(path.to_owned());
+    Study::load(path)
+}
+
 /// Writes a bundled file beside the study, unless it is already there with the same content.
-fn beside(study: &Path, (name, text): (&str, &str)) -> Result<PathBuf> {
+fn beside(study: &Path, (name, text): (&str, &str), written: &mut Vec<PathBuf>) -> Result<PathBuf> {
     let path = study.with_file_name(name);
     if std::fs::read_to_string(&path).is_ok_and(|existing| existing == text) {
         return Ok(path);
     }
     write_new(&path, text)?;
+    written.push(path.clone());
     Ok(path)
 }
 
@@ -73,8 +88,13 @@ fn study_text(name: &str, path: &Path, model_path: &Path, motion_path: &Path) ->
     let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
     let from_study = |file: &Path| {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let file = folder.and_then(|folder| file.strip_prefix(folder).ok()).unwrap_or(file);
-        quoted(&file.to_string_lossy())
+        // A study reads paths relative to its own folder.
+        let shown = match folder.map(|folder| file.strip_prefix(folder)) {
+            None => file.to_owned(),
+            Some(Ok(inside)) => inside.to_owned(),
+            Some(Err(_)) => std::path::absolute(file).unwrap_or_else(|_| file.to_owned()),
+        };
+        quoted(&shown.to_string_lossy())
     };
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let scale = quoted(&format!("muscle.{muscle}.max_isometric_force_scale"));

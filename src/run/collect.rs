@@ -64,7 +64,9 @@ pub fn write_tables(study: &Study, store: &mut Store, folder: &Path) -> Result<C
     for part in parts {
         let mut outcomes: Vec<(&Job, Outcome)> = Vec::with_capacity(part.len());
         for job in part {
-            outcomes.extend(store.outcome(&job.id)?.map(|outcome| (*job, outcome)));
+            // No table has the solution itself.
+            let outcome = store.outcome(&job.id)?.map(|outcome| Outcome { solution: None, ..outcome });
+            outcomes.extend(outcome.map(|outcome| (*job, outcome)));
         }
         let rows: Vec<(&Job, &Outcome)> = outcomes.iter().map(|(job, outcome)| (*job, outcome)).collect();
         for (table, writer) in columns.tables(&rows).iter().zip(&mut writers) {

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use super::store::Store;
+use super::store::{Header, Store};
 use super::task;
 use crate::SOLVER;
 use crate::error::Result;
@@ -16,7 +16,9 @@ use crate::study::{Job, Study};
 /// The id of a finished job with the same solution as `job`, from which `job` can be completed, and that job's
 /// `regularity`.
 pub fn find(study: &Study, job: &Job, store: &Store) -> Option<(RegularityMode, String)> {
-    let is_solved = |id: &str| store.get(id).is_some_and(|h| h.status == Status::Converged && h.solver == SOLVER);
+    // A job solved by continuation depends on its neighbours.
+    let is_usable = |h: &Header| h.status == Status::Converged && h.solver == SOLVER && !h.retried;
+    let is_solved = |id: &str| store.get(id).is_some_and(is_usable);
     let same = study.same_solution(job).into_iter();
     same.filter(|(had, _)| solve::is_completable(*had, &job.settings)).find(|(_, id)| is_solved(id))
 }
@@ -38,7 +40,7 @@ impl<'s> Known<'s> {
         store: &Store,
         mut pending: impl Iterator<Item = &'j Job>,
     ) -> Result<Option<Self>> {
-        if !pending.any(|job| find(study, job, store).is_some()) {
+        if store.is_empty() || !pending.any(|job| find(study, job, store).is_some()) {
             return Ok(None);
         }
         Ok(Some(Self { study, store: Mutex::new(Store::read(folder)?) }))

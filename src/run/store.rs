@@ -304,6 +304,10 @@ impl Store {
         }
     }
 
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
     pub fn get(&self, job_id: &str) -> Option<&Header> {
         self.entries.get(job_id).map(|entry| &entry.header)
     }

@@ -144,7 +144,8 @@ impl Study {
     /// `regularity` and id of each job that has the same solution as `job`, since it differs only in `regularity` and
     /// `trajectories`. Empty for a job that starts from another job's solution.
     pub fn same_solution(&self, job: &Job) -> Vec<(RegularityMode, String)> {
-        if job.warm_start_from.is_some() {
+        let next = self.jobs.get(job.index + 1).and_then(|next| next.warm_start_from.as_ref());
+        if job.warm_start_from.is_some() || next == Some(&job.id) {
             return Vec::new();
         }
         plan::same_solution(&job.settings, &job.changes, &self.model_hash, &self.motion_hash)

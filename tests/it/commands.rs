@@ -14,8 +14,8 @@ fn in_terminal(columns: usize, arguments: &str, at: &Path) -> Option<String> {
     let program = env!("CARGO_BIN_EXE_sinew");
     let command = format!("stty rows 50 cols {columns}; {program} {arguments}");
     let output = Command::new("script").args(["-qec", &command, "/dev/null"]).current_dir(at).output().ok()?;
-    let shown = text(&output.stdout);
-    output.status.success().then(|| shown.replace('\r', ""))
+    assert!(output.status.success(), "{arguments}: {}", text(&output.stdout));
+    Some(text(&output.stdout).replace('\r', ""))
 }
 
 /// A line without its colours.
@@ -66,6 +66,18 @@ fn a_new_study_is_made_for_any_model_that_can_be_one() {
         let study = Study::load(&at.join(format!("{name}.toml"))).unwrap();
         assert!(study.jobs.len() == 9 && study.jobs[0].points > 10);
     }
+    // A study in another folder finds its files.
+    std::fs::create_dir(at.join("inner")).unwrap();
+    std::fs::copy(root().join("data/models/arm.toml"), at.join("m.toml")).unwrap();
+    std::fs::copy(root().join("data/motions/arm_curl.csv"), at.join("inner/m.csv")).unwrap();
+    let inner = sinew(&["new", "inner/mine", "--model", "m.toml", "--motion", "inner/m.csv"], at);
+    assert_eq!(inner.status.code(), Some(0), "{}", text(&inner.stderr));
+    assert_eq!(Study::load(&at.join("inner/mine.toml")).unwrap().jobs.len(), 9);
+    // A name that cannot be one leaves nothing behind.
+    std::fs::create_dir(at.join("empty")).unwrap();
+    let odd = sinew(&["new", "two words"], &at.join("empty"));
+    assert_eq!(odd.status.code(), Some(2));
+    assert_eq!(std::fs::read_dir(at.join("empty")).unwrap().count(), 0);
     // A motion that does not fit leaves no study behind.
     let wrong = sinew(
         &["new", "wrong", "--model", &file("data/models/arm.toml"), "--motion", &file("data/motions/pedal_turn.csv")],
@@ -226,6 +238,7 @@ fn tables_fit_the_terminal() {
     let widest = |shown: &str| shown.lines().map(|line| plain(line).chars().count()).max().unwrap_or(0);
     for arguments in ["show out", "plan study.toml --out out", "describe", "keys", "status out"] {
         let printed = sinew(&arguments.split(' ').collect::<Vec<&str>>(), at);
+        assert!(printed.status.success() && printed.stdout.len() > 80, "{arguments}: {}", text(&printed.stderr));
         assert!(widest(&text(&printed.stdout)) <= 80, "{arguments}: {}", text(&printed.stdout));
         assert!(!text(&printed.stdout).contains('\x1b'), "{arguments}: no colour where there is no terminal");
         let Some(narrow) = in_terminal(80, arguments, at) else {
@@ -245,6 +258,9 @@ fn tables_fit_the_terminal() {
     assert!(widest(&all) > 120 && all.contains("objective") && !all.contains("--wide also"), "{all}");
     let colored = text(&sinew(&["show", "out", "--color", "always"], at).stdout);
     assert!(colored.contains("\x1b[1m"));
+    // Errors and help follow the same choice.
+    let error = |color: &str| text(&sinew(&["show", "nothing", "--color", color], at).stderr);
+    assert!(error("always").contains("\x1b[") && !error("auto").contains('␛') && !error("never").contains('␛'));
 }
 
 #[test]

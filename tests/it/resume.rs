@@ -477,3 +477,28 @@ fn a_solved_job_is_completed_not_solved_again() {
     let every = Study::load(&path).unwrap();
     assert!(!reasons(&every, &out).unwrap().contains(&Reason::Solved));
 }
+
+/// A job that was solved by continuation depends on its neighbours: it is not completed, but solved.
+#[test]
+fn a_job_solved_by_continuation_is_not_completed() {
+    let text = |settings: &str| {
+        SMALL.replace("regularity = \"optimum\"", settings).replace("{root}", root().to_str().unwrap())
+    };
+    let folder = folder(&[("study.toml", &text("regularity = \"off\""))]);
+    let (path, bare) = study(&folder);
+    let out = folder.path().join("out");
+    run(&bare, &options(&out), &AtomicBool::new(false)).unwrap();
+    let store = out.join("finished.jsonl");
+    let lines = std::fs::read_to_string(&store).unwrap();
+    // Older lines have a hash of the outcome alone, which can be made here.
+    let retried = |line: &str| {
+        let (header, outcome) = line.split_once(",\"outcome\":").unwrap();
+        let check = &blake3::hash(outcome.strip_suffix('}').unwrap().as_bytes()).to_hex()[..16];
+        let header = format!("{}\"check\":\"{check}\"", header.split("\"check\"").next().unwrap());
+        format!("{},\"outcome\":{outcome}\n", header.replace("\"retried\":false", "\"retried\":true"))
+    };
+    std::fs::write(&store, lines.lines().map(retried).collect::<String>()).unwrap();
+    std::fs::write(&path, text("regularity = \"optimum\"")).unwrap();
+    let full = Study::load(&path).unwrap();
+    assert!(!reasons(&full, &out).unwrap().contains(&Reason::Solved));
+}

@@ -84,11 +84,13 @@ fn add_swept(sheet: &mut Sheet, results: &Results, extent: Extent) {
         varied.into_iter().for_each(|axis| _ = sheet.text(axis, 0, cells(axis)));
         return;
     }
-    let common: HashMap<&str, String> = varied.iter().map(|axis| (axis.as_str(), most_common(cells(axis)))).collect();
-    let usual: Vec<String> = varied.iter().map(|axis| format!("{axis} = {}", common[axis.as_str()])).collect();
+    let values = |axis: &str| (0..extent.jobs).map(|row| results.jobs.display(axis, row).unwrap_or_default()).collect();
+    let common: HashMap<&str, String> = varied.iter().map(|axis| (axis.as_str(), most_common(values(axis)))).collect();
+    let usual: Vec<String> = varied.iter().map(|axis| format!("{axis} = {}", short(&common[axis.as_str()]))).collect();
     say(&wrapped(&format!("Unless stated otherwise: {}", usual.join(", ")), "  "));
     let differences = |row: usize| {
-        let differing = varied.iter().filter(|axis| results.swept(axis, row) != common[axis.as_str()]);
+        let whole = |axis: &str| results.jobs.display(axis, row).unwrap_or_default();
+        let differing = varied.iter().filter(|axis| whole(axis) != common[axis.as_str()]);
         let text: Vec<String> = differing.map(|axis| format!("{axis} = {}", results.swept(axis, row))).collect();
         folded(&text.join(", "), DIFFERENCES)
     };
