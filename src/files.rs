@@ -1,4 +1,4 @@
-//! Atomic writing of files, and paths as text.
+//! Writing of files, atomically or only where there is none; paths as text.
 
 use std::io::Write;
 use std::path::Path;
@@ -24,6 +24,19 @@ pub fn write_atomically(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
         let _ = std::fs::remove_file(&partial);
         failed(e)
     })
+}
+
+/// Writes a file that does not exist yet; `exists` says what to do if it does.
+///
+/// # Errors
+/// If the file exists or cannot be written.
+pub fn write_new(path: &Path, text: &str, exists: &str) -> Result<()> {
+    let created = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
+    let mut file = created.map_err(|e| match e.kind() {
+        std::io::ErrorKind::AlreadyExists => Error::table("write", path, exists),
+        _ => Error::io("write", path, e),
+    })?;
+    file.write_all(text.as_bytes()).map_err(|e| Error::io("write", path, e))
 }
 
 /// The temporary name of a file while this process writes it.

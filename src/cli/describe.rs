@@ -23,12 +23,13 @@ struct DescribedColumn {
 
 /// Describes all possible tables, or those of a results folder with its swept columns.
 pub fn describe(dir: Option<&Path>, table: Option<&str>, look: Look) -> Result<u8> {
-    let wanted: Vec<&'static str> =
-        schema::TABLES.into_iter().filter(|name| table.is_none_or(|t| t == *name)).collect();
-    if let (Some(table), true) = (table, wanted.is_empty()) {
-        let reason = format!("available tables: {}", schema::TABLES.join(", "));
-        return Err(Error::table("describe the table", Path::new(table), reason));
-    }
+    let wanted = match table {
+        None => schema::TABLES.to_vec(),
+        Some(name) => {
+            let place = dir.unwrap_or(Path::new("the tables"));
+            vec![schema::named(name).map_err(|reason| Error::table("describe", place, reason))?]
+        }
+    };
     let mut entries = Vec::new();
     for name in wanted {
         match dir {

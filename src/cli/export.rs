@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::output::csv;
 use super::{GOOD, print};
-use crate::error::{Error, Result, nearest};
+use crate::error::{Error, Result};
 use crate::files::write_atomically;
 use crate::names::counted;
 use crate::run::folder;
@@ -139,13 +139,7 @@ fn storage(name: &str, (times, columns): &TimeSeries) -> String {
 
 /// Writes a CSV file for each table, or for the requested one; returns the number of files.
 fn csv_files(dir: &Path, chosen: &HashMap<String, i64>, wanted: Option<&str>, out: &Path) -> Result<usize> {
-    if let Some(wanted) = wanted
-        && !schema::TABLES.contains(&wanted)
-    {
-        let near = nearest(wanted, schema::TABLES).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-        let reason = format!("there is no table `{wanted}`; {near}available tables: {}", schema::TABLES.join(", "));
-        return Err(Error::table("export", dir, reason));
-    }
+    let wanted = wanted.map(schema::named).transpose().map_err(|reason| Error::table("export", dir, reason))?;
     let mut count = 0;
     for name in schema::TABLES.into_iter().filter(|name| wanted.is_none_or(|wanted| wanted == *name)) {
         let path = folder::table(dir, name);

@@ -1,11 +1,10 @@
 //! `sinew import`: converts an OpenSim model to a model file.
 
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::{GOOD, note, print};
-use crate::error::{Error, Result, SourceFile};
+use crate::error::{Result, SourceFile};
+use crate::files::write_new;
 use crate::names::counted;
 use crate::opensim::{self, Note, Weight};
 use crate::skeleton::text::text;
@@ -23,13 +22,8 @@ pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
     let out = out.unwrap_or_else(|| PathBuf::from(model.file_stem().unwrap_or_default()).with_extension("toml"));
     let comment = comment(&source, &imported.notes);
     // Never overwrite a file.
-    let mut written = OpenOptions::new().write(true).create_new(true).open(&out).map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists => {
-            Error::table("write", &out, "the file already exists; choose another name with --out")
-        }
-        _ => Error::io("write", &out, e),
-    })?;
-    written.write_all(text(&imported.file, &comment).as_bytes()).map_err(|e| Error::io("write", &out, e))?;
+    let exists = "the file already exists; choose another name with --out";
+    write_new(&out, &text(&imported.file, &comment), exists)?;
     let file = &imported.file;
     print(&format!(
         "{}: {} bodies, {} coordinates, {} muscles, {} wrapping surfaces",

@@ -10,11 +10,9 @@ use super::output::print_table;
 use super::show::jobs::short;
 use super::{GOOD, print};
 use crate::error::{Error, Result, SourceFile};
-use crate::opensim;
 use crate::reference::{self, FileKind, Key};
-use crate::skeleton::file::SkeletonFile;
 use crate::study::change::GROUPS;
-use crate::study::{load_model, load_skeleton};
+use crate::study::{is_spatial, load_model, load_skeleton};
 use crate::tables::{Table, Values, axis_unit};
 use crate::terminal::heading;
 
@@ -77,7 +75,7 @@ fn list_settings(look: Look) -> Result<()> {
 /// Every numeric parameter of a model that a study can set, by path and including defaults; then the changes of the
 /// motion, with their neutral values.
 fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
-    let is_spatial = opensim::is_osim(file) || toml::from_str(&file.text).is_ok_and(|t| SkeletonFile::is_spatial(&t));
+    let is_spatial = is_spatial(file);
     let (table, coordinates): (_, Vec<(String, bool)>) = if is_spatial {
         let (table, skeleton) = load_skeleton(file)?;
         let free = skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());

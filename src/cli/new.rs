@@ -1,11 +1,10 @@
 //! `sinew new`: writes a commented, runnable study of the user's model and motion, or of the reference arm.
 
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::{GOOD, print};
 use crate::error::{Error, Result, SourceFile};
+use crate::files::write_new;
 use crate::motion::MotionTable;
 use crate::names::counted;
 use crate::study::{Study, load_model};
@@ -13,6 +12,8 @@ use crate::study::{Study, load_model};
 /// The reference arm and its motion, used if the user names no model.
 const ARM: (&str, &str) = ("arm.toml", include_str!("../../data/models/arm.toml"));
 const CURL: (&str, &str) = ("arm_curl.csv", include_str!("../../data/motions/arm_curl.csv"));
+
+const OTHER_FILE: &str = "a different file with this name exists";
 
 /// Writes `name`.toml; without `files` (model and motion), also the reference arm and its motion beside it.
 pub fn new(name: &str, files: Option<(PathBuf, PathBuf)>) -> Result<u8> {
@@ -47,7 +48,7 @@ fn written_study(
         Some(files) => files,
         None => (beside(path, ARM, written)?, beside(path, CURL, written)?),
     };
-    write_new(path, &study_text(name, path, &model, &motion)?)?;
+    write_new(path, &study_text(name, path, &model, &motion)?, OTHER_FILE)?;
     written.push(path.to_owned());
     Study::load(path)
 }
@@ -58,17 +59,19 @@ fn beside(study: &Path, (name, text): (&str, &str), written: &mut Vec<PathBuf>) 
     if std::fs::read_to_string(&path).is_ok_and(|existing| existing == text) {
         return Ok(path);
     }
-    write_new(&path, text)?;
+    write_new(&path, text, OTHER_FILE)?;
     written.push(path.clone());
     Ok(path)
 }
 
-fn write_new(path: &Path, text: &str) -> Result<()> {
-    let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists => Error::table("write", path, "a different file with this name exists"),
-        _ => Error::io("write", path, e),
-    })?;
-    file.write_all(text.as_bytes()).map_err(|e| Error::io("write", path, e))
+/// A file as the study names it: relative to the study's folder, or absolute if it is elsewhere.
+fn from_study(study: &Path, file: &Path) -> PathBuf {
+    let folder = study.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match folder.map(|folder| file.strip_prefix(folder)) {
+        None => file.to_owned(),
+        Some(Ok(inside)) => inside.to_owned(),
+        Some(Err(_)) => std::path::absolute(file).unwrap_or_else(|_| file.to_owned()),
+    }
 }
 
 /// The text of the study: a mesh that fits the motion, and two axes.
@@ -86,16 +89,7 @@ fn study_text(name: &str, path: &Path, model_path: &Path, motion_path: &Path) ->
     let coordinate = model.joint_coordinates().into_iter().find(|(_, is_angle)| *is_angle);
     let coordinate = coordinate.map_or_else(|| "COORDINATE".to_owned(), |(name, _)| name.to_owned());
     let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
-    let from_study = |file: &Path| {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        // A study reads paths relative to its own folder.
-        let shown = match folder.map(|folder| file.strip_prefix(folder)) {
-            None => file.to_owned(),
-            Some(Ok(inside)) => inside.to_owned(),
-            Some(Err(_)) => std::path::absolute(file).unwrap_or_else(|_| file.to_owned()),
-        };
-        quoted(&shown.to_string_lossy())
-    };
+    let from_study = |file: &Path| quoted(&from_study(path, file).to_string_lossy());
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let scale = quoted(&format!("muscle.{muscle}.max_isometric_force_scale"));
     Ok(format!(

@@ -226,8 +226,7 @@ fn solve_block(
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        let is_alone = block.len() == 1;
-        if is_alone && let Some(outcome) = known.and_then(|known| complete_catching(known, job)) {
+        if let Some(outcome) = known.and_then(|known| complete_catching(known, job)) {
             finish(job, outcome, false);
             continue;
         }

@@ -246,13 +246,17 @@ fn ratios(declared: &[Ratio], model: &Model) -> std::result::Result<Vec<Ratio>, 
 /// # Errors
 /// The first mistake, with its place.
 pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
-    let is_spatial = || toml::from_str(&file.text).is_ok_and(|table| SkeletonFile::is_spatial(&table));
-    if !opensim::is_osim(file) && !is_spatial() {
+    if !is_spatial(file) {
         return ModelFile::load(file);
     }
     let (table, skeleton) = load_skeleton(file)?;
     skeleton.check_study().map_err(|issue| error_of(file, &issue))?;
     Ok((table, Model::of_skeleton(Arc::new(skeleton), crate::skeleton::Girdle::Prescribed)))
+}
+
+/// True for an OpenSim model and for the file of a spatial model.
+pub fn is_spatial(file: &SourceFile) -> bool {
+    opensim::is_osim(file) || toml::from_str(&file.text).is_ok_and(|table| SkeletonFile::is_spatial(&table))
 }
 
 /// Loads a spatial model from a model file or an OpenSim model: its table and the checked model.

@@ -3,6 +3,7 @@
 use super::axes::{BEFORE_AXES, ColumnKind};
 use super::column::{Column, ColumnInfo, table};
 use super::{Table, axes};
+use crate::error::nearest;
 use crate::outcome::{
     IterationRow, JobRow, MuscleRow, OptimumRow, Outcome, RegularityRow, SensitivityRow, SpectrumRow, TrajectoryRow,
 };
@@ -23,6 +24,17 @@ pub const ON_REQUEST: [&str; 2] = ["ratios", "trajectories"];
 
 /// Columns with computing times: the only ones in which two runs of a study may differ.
 pub const TIMINGS: [&str; 3] = ["solve_s", "rank_s", "wall_s"];
+
+/// The table of a name.
+///
+/// # Errors
+/// If there is none: what is wrong, and which tables there are.
+pub fn named(name: &str) -> Result<&'static str, String> {
+    TABLES.into_iter().find(|table| *table == name).ok_or_else(|| {
+        let near = nearest(name, TABLES).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
+        format!("there is no table `{name}`; {near}available tables: {}", TABLES.join(", "))
+    })
+}
 
 /// What one row of a table is.
 pub fn row_of(table: &str) -> &'static str {

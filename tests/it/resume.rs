@@ -175,6 +175,17 @@ fn a_manifest_alone_runs_the_study_again() {
     assert!(text(&broken.stderr).contains("not a manifest of Sinew"), "{}", text(&broken.stderr));
 }
 
+/// Lines of finished jobs with their headers changed, as an older version wrote them: its hash covers only the outcome.
+fn with_headers(lines: &str, from: &str, to: &str) -> String {
+    let line = |line: &str| {
+        let (header, outcome) = line.split_once(",\"outcome\":").unwrap();
+        let check = &blake3::hash(outcome.strip_suffix('}').unwrap().as_bytes()).to_hex()[..16];
+        let header = format!("{}\"check\":\"{check}\"", header.split("\"check\"").next().unwrap());
+        format!("{},\"outcome\":{outcome}\n", header.replace(from, to))
+    };
+    lines.lines().map(line).collect()
+}
+
 #[test]
 fn plan_says_why_each_job_would_run() {
     let folder = folder(&[("study.toml", SMALL)]);
@@ -201,14 +212,7 @@ fn plan_says_why_each_job_would_run() {
     sinew(&["run", "study.toml"], at);
     let store = at.join("results/small/finished.jsonl");
     let lines = std::fs::read_to_string(&store).unwrap();
-    // Lines as written by an older version, whose hash covered only the outcome.
-    let older = |line: &str| {
-        let (header, outcome) = line.split_once(",\"outcome\":").unwrap();
-        let check = &blake3::hash(outcome.strip_suffix('}').unwrap().as_bytes()).to_hex()[..16];
-        let header = format!("{}\"check\":\"{check}\"", header.split("\"check\"").next().unwrap());
-        format!("{},\"outcome\":{outcome}\n", header.replace(sinew::SOLVER, "0.0.1+old"))
-    };
-    std::fs::write(&store, lines.lines().map(older).collect::<String>()).unwrap();
+    std::fs::write(&store, with_headers(&lines, sinew::SOLVER, "0.0.1+old")).unwrap();
     assert!(plan().contains("6 done by another solver") && plan().contains("solver 0.0.1+old"), "{}", plan());
     let run = sinew(&["run", "study.toml"], at);
     assert!(text(&run.stderr).contains("results of 6 jobs are from solver 0.0.1+old"), "{}", text(&run.stderr));
@@ -446,18 +450,20 @@ fn a_line_of_absurd_length_is_damage() {
     }
 }
 
+/// [`SMALL`] with other settings in place of its `regularity`.
+fn small_with(settings: &str) -> String {
+    SMALL.replace("regularity = \"optimum\"", settings).replace("{root}", root().to_str().unwrap())
+}
+
 /// Ranks and trajectories are added to solved jobs without solving again, and equal those of a run that computes them
 /// from the start.
 #[test]
 fn a_solved_job_is_completed_not_solved_again() {
-    let text = |settings: &str| {
-        SMALL.replace("regularity = \"optimum\"", settings).replace("{root}", root().to_str().unwrap())
-    };
-    let folder = folder(&[("study.toml", &text("regularity = \"off\""))]);
+    let folder = folder(&[("study.toml", &small_with("regularity = \"off\""))]);
     let (path, bare) = study(&folder);
     let (out, whole) = (folder.path().join("out"), folder.path().join("whole"));
     run(&bare, &options(&out), &AtomicBool::new(false)).unwrap();
-    std::fs::write(&path, text("regularity = \"optimum\"\ntrajectories = true")).unwrap();
+    std::fs::write(&path, small_with("regularity = \"optimum\"\ntrajectories = true")).unwrap();
     let full = Study::load(&path).unwrap();
     let all = reasons(&full, &out).unwrap();
     assert!(all.iter().all(|reason| *reason == Reason::Solved), "{all:?}");
@@ -473,7 +479,7 @@ fn a_solved_job_is_completed_not_solved_again() {
     };
     assert_eq!(comparable(&out), comparable(&whole));
     // Ranks at every iteration need the iterates.
-    std::fs::write(&path, text("")).unwrap();
+    std::fs::write(&path, small_with("")).unwrap();
     let every = Study::load(&path).unwrap();
     assert!(!reasons(&every, &out).unwrap().contains(&Reason::Solved));
 }
@@ -481,24 +487,14 @@ fn a_solved_job_is_completed_not_solved_again() {
 /// A job that was solved by continuation depends on its neighbours: it is not completed, but solved.
 #[test]
 fn a_job_solved_by_continuation_is_not_completed() {
-    let text = |settings: &str| {
-        SMALL.replace("regularity = \"optimum\"", settings).replace("{root}", root().to_str().unwrap())
-    };
-    let folder = folder(&[("study.toml", &text("regularity = \"off\""))]);
+    let folder = folder(&[("study.toml", &small_with("regularity = \"off\""))]);
     let (path, bare) = study(&folder);
     let out = folder.path().join("out");
     run(&bare, &options(&out), &AtomicBool::new(false)).unwrap();
     let store = out.join("finished.jsonl");
     let lines = std::fs::read_to_string(&store).unwrap();
-    // Older lines have a hash of the outcome alone, which can be made here.
-    let retried = |line: &str| {
-        let (header, outcome) = line.split_once(",\"outcome\":").unwrap();
-        let check = &blake3::hash(outcome.strip_suffix('}').unwrap().as_bytes()).to_hex()[..16];
-        let header = format!("{}\"check\":\"{check}\"", header.split("\"check\"").next().unwrap());
-        format!("{},\"outcome\":{outcome}\n", header.replace("\"retried\":false", "\"retried\":true"))
-    };
-    std::fs::write(&store, lines.lines().map(retried).collect::<String>()).unwrap();
-    std::fs::write(&path, text("regularity = \"optimum\"")).unwrap();
+    std::fs::write(&store, with_headers(&lines, "\"retried\":false", "\"retried\":true")).unwrap();
+    std::fs::write(&path, small_with("regularity = \"optimum\"")).unwrap();
     let full = Study::load(&path).unwrap();
     assert!(!reasons(&full, &out).unwrap().contains(&Reason::Solved));
 }

@@ -12,7 +12,7 @@ use super::arguments::{Format, Look};
 use super::layout::wrapped;
 use super::output::print_table;
 use super::{GOOD, note, print};
-use crate::error::{Error, Result, nearest};
+use crate::error::{Error, Result};
 use crate::run::folder;
 use crate::run::manifest::Manifest;
 use crate::study::sweep::SAMPLE;
@@ -98,13 +98,7 @@ pub fn show(dir: &Path, all: bool, table: Option<&str>, look: Look) -> Result<u8
         next_steps(dir);
         return Ok(GOOD);
     }
-    let wanted = table.unwrap_or("jobs");
-    let known = || schema::TABLES.into_iter();
-    let Some(name) = known().find(|name| *name == wanted) else {
-        let near = nearest(wanted, known()).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-        let reason = format!("there is no table `{wanted}`; {near}available tables: {}", schema::TABLES.join(", "));
-        return Err(Error::table("show", dir, reason));
-    };
+    let name = schema::named(table.unwrap_or("jobs")).map_err(|reason| Error::table("show", dir, reason))?;
     manifest(dir)?;
     print_table(&tables::read(name, &folder::table(dir, name))?, look)?;
     Ok(GOOD)
