@@ -3,6 +3,8 @@
 
 use crate::deadline::Deadline;
 use crate::mesh_error;
+use crate::methods::InverseProblem;
+use crate::methods::prediction::{Setting, predict};
 use crate::motion::Measurement;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
@@ -11,12 +13,9 @@ use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::{SqpOutcome, SqpSettings, SqpStatus};
 use crate::outcome::{IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status};
 use crate::solution::{self, Solution};
-use crate::solve::{prediction_setting, reason};
+use crate::solve::reason;
 use crate::study::settings::{RegularityMode, Scheme, Settings};
-use crate::transcription::collocation::{BoundKind, Collocation};
-use crate::transcription::instant::ACTIVATION;
-use crate::transcription::prediction::{Setting, predict};
-use crate::transcription::scheme::Discretisation;
+use crate::transcription::collocation::Collocation;
 use crate::uniqueness::{self, Linearised};
 
 /// Runs with the same idle muscles whose objectives differ by no more than this (relative) have reached the same
@@ -49,17 +48,17 @@ struct Optimum {
 
 impl Runs {
     /// The results with the first run.
-    pub fn of(run: SqpOutcome, problem: &Collocation<'_>) -> Self {
+    pub fn of(run: SqpOutcome, inverse: &InverseProblem<'_>, problem: &Collocation<'_>) -> Self {
         let mut runs = Self { best: run, made: 1, converged: 0, optima: Vec::new() };
         if runs.best.status == SqpStatus::Converged {
             runs.converged = 1;
-            runs.optima.push(Optimum::of(runs.best.iterate.clone(), problem));
+            runs.optima.push(Optimum::of(runs.best.iterate.clone(), inverse, problem));
         }
         runs
     }
 
     /// Adds a run.
-    pub fn add(&mut self, run: SqpOutcome, problem: &Collocation<'_>) {
+    pub fn add(&mut self, run: SqpOutcome, inverse: &InverseProblem<'_>, problem: &Collocation<'_>) {
         self.made += 1;
         let error = |run: &SqpOutcome| Some(run.iterate.kkt_error().largest()).filter(|e| e.is_finite());
         let is_better = match (run.status == SqpStatus::Converged, self.converged > 0) {
@@ -72,7 +71,7 @@ impl Runs {
         };
         if run.status == SqpStatus::Converged {
             self.converged += 1;
-            let new = Optimum::of(run.iterate.clone(), problem);
+            let new = Optimum::of(run.iterate.clone(), inverse, problem);
             match self.optima.iter_mut().find(|known| known.is_same(&new)) {
                 Some(known) => {
                     known.starts += 1;
@@ -90,8 +89,8 @@ impl Runs {
 }
 
 impl Optimum {
-    fn of(iterate: Iterate, problem: &Collocation<'_>) -> Self {
-        Self { idle: idle(problem, &iterate.x), iterate, starts: 1 }
+    fn of(iterate: Iterate, inverse: &InverseProblem<'_>, problem: &Collocation<'_>) -> Self {
+        Self { idle: idle(inverse, problem, &iterate.x), iterate, starts: 1 }
     }
 
     fn is_same(&self, other: &Self) -> bool {
@@ -102,8 +101,8 @@ impl Optimum {
 
 /// The problem that a job has solved.
 pub struct SolvedProblem<'c> {
+    pub inverse: &'c InverseProblem<'c>,
     pub problem: &'c Collocation<'c>,
-    pub scheme: &'c dyn Discretisation,
     pub measurement: &'c Measurement,
     pub settings: &'c Settings,
     pub deadline: Deadline,
@@ -111,17 +110,17 @@ pub struct SolvedProblem<'c> {
 
 /// The result rows of a job from its runs.
 pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outcome {
-    let SolvedProblem { problem, scheme, measurement, settings, deadline } = *context;
+    let SolvedProblem { inverse, problem, measurement, settings, deadline } = *context;
     let run = &runs.best;
     let converged = run.status == SqpStatus::Converged;
     // Ranks are computed at the polished point. It also serves as the solution if its KKT error is within the target or
     // no larger than that of the run.
-    let polished = if deadline.passed() { None } else { polished(kkt, problem, &run.iterate) };
+    let polished = if deadline.passed() { None } else { polished(kkt, inverse, problem, &run.iterate) };
     let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
     let target = SqpSettings::default().target;
     let is_as_good = ranked_at.kkt_error().largest() <= target.max(run.iterate.kkt_error().largest());
     let point = if is_as_good { ranked_at } else { &run.iterate };
-    let solution = Solution { problem, scheme, measurement, iterate: point };
+    let solution = Solution { inverse, problem, measurement, iterate: point };
     let mut outcome = Outcome {
         job: JobRow {
             status: run.status.into(),
@@ -148,7 +147,7 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
         add_ranks(&mut outcome, context, counter, &solution, ranked_at, converged);
     }
     let known = outcome.regularity.as_ref().map(|row| (row.a.deficiency, row.aj.deficiency));
-    outcome.optima = optima(kkt, problem, &runs.optima, counter.as_mut(), known);
+    outcome.optima = optima(kkt, inverse, problem, &runs.optima, counter.as_mut(), known);
     outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
     if converged {
         add_changes(&mut outcome, context, kkt, &solution);
@@ -170,9 +169,10 @@ fn add_ranks(
     ranked_at: &Iterate,
     converged: bool,
 ) {
-    let SolvedProblem { problem, scheme, measurement, settings, deadline } = *context;
-    let setting = prediction_setting(problem.instant.model, scheme, measurement, settings);
-    let Some((row, spectrum, null_directions)) = regularity_rows(counter, problem, ranked_at, &setting) else {
+    let SolvedProblem { inverse, problem, measurement, settings, deadline } = *context;
+    let setting = Setting::new(inverse, problem.scheme, measurement, settings);
+    let found = regularity_rows(counter, inverse, problem, ranked_at, &setting);
+    let Some((row, spectrum, null_directions)) = found else {
         return;
     };
     if converged {
@@ -181,7 +181,8 @@ fn add_ranks(
             (last.deficiency_a, last.deficiency_aj) = (Some(row.a.deficiency), Some(row.aj.deficiency));
         }
         let means = solution.mean_activations();
-        let intervals = uniqueness::activation_intervals(problem, solution.iterate, &means, &null_directions, deadline);
+        let intervals =
+            uniqueness::activation_intervals(inverse, problem, solution.iterate, &means, &null_directions, deadline);
         for (muscle, interval) in outcome.muscles.iter_mut().zip(intervals) {
             (muscle.mean_activation_low, muscle.mean_activation_high) = interval.unzip();
         }
@@ -207,14 +208,13 @@ fn withdraw(outcome: &mut Outcome) {
 
 /// Adds sensitivities (if ranks are requested) and discretisation errors.
 fn add_changes(outcome: &mut Outcome, context: &SolvedProblem<'_>, kkt: &mut Kkt, solution: &Solution<'_>) {
-    let SolvedProblem { problem, measurement, settings, .. } = *context;
+    let SolvedProblem { inverse, problem, settings, .. } = *context;
     let Some(mut linearised) = Linearised::new(kkt, problem, solution.iterate) else { return };
     if settings.regularity != RegularityMode::Off {
-        let tracking = measurement.times.len() * problem.instant.model.coordinates();
-        let parameters = uniqueness::parameters(problem, solution.iterate, settings.mu, tracking);
+        let parameters = uniqueness::parameters(inverse, problem, solution.iterate, settings.mu);
         let means: Vec<f64> = outcome.muscles.iter().map(|muscle| muscle.mean_force_n).collect();
         let slopes = |direction: &[f64]| solution.mean_force_slopes(direction);
-        outcome.sensitivities = uniqueness::sensitivities(&mut linearised, problem, &parameters, slopes, &means);
+        outcome.sensitivities = uniqueness::sensitivities(&mut linearised, inverse.model, &parameters, slopes, &means);
     }
     // The error of the midpoint scheme does not decrease with mesh refinement.
     let error = (settings.scheme == Scheme::Radau).then(|| mesh_error::estimate(solution, &mut linearised)).flatten();
@@ -230,6 +230,7 @@ fn add_changes(outcome: &mut Outcome, context: &SolvedProblem<'_>, kkt: &mut Kkt
 /// known.
 fn optima(
     kkt: &mut Kkt,
+    inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     reached: &[Optimum],
     mut counter: Option<&mut RankCounter>,
@@ -241,11 +242,11 @@ fn optima(
     for Optimum { iterate, idle, starts } in reached {
         let deficiencies = lowest.filter(|_| rows.is_empty()).or_else(|| {
             let counter = counter.as_mut()?;
-            let point = polished(kkt, problem, iterate).unwrap_or_else(|| iterate.clone());
+            let point = polished(kkt, inverse, problem, iterate).unwrap_or_else(|| iterate.clone());
             let (a, aj) = counter.deficiencies(&point, &active_rows(problem, &point).0)?;
             Some((a as i64, aj as i64))
         });
-        let names = problem.instant.model.muscles.iter().zip(idle).filter(|(_, idle)| **idle);
+        let names = inverse.model.muscles.iter().zip(idle).filter(|(_, idle)| **idle);
         let names: Vec<&str> = names.map(|(muscle, _)| muscle.name.as_str()).collect();
         rows.push(OptimumRow {
             objective: iterate.objective,
@@ -259,28 +260,28 @@ fn optima(
 }
 
 /// Whether each muscle is idle: |a| ≤ 1e-8 at every collocation point.
-pub fn idle(problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
-    let muscles = problem.instant.model.muscles.len();
-    let mut idle = vec![true; muscles];
-    for point in 0..problem.layout.times.len() {
+pub fn idle(inverse: &InverseProblem<'_>, problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
+    let mut idle = vec![true; inverse.muscles.a.count];
+    for point in 0..problem.points.len() {
         let z = problem.local(point, x);
-        for (m, idle) in idle.iter_mut().enumerate() {
-            *idle &= z[problem.instant.muscle(m) + ACTIVATION].abs() <= ACTIVE;
-        }
+        idle.iter_mut().zip(inverse.muscles.a.of(&z)).for_each(|(idle, a)| *idle &= a.abs() <= ACTIVE);
     }
     idle
 }
 
 /// The solution with the active bounds satisfied exactly. `None` if polishing fails.
-fn polished(kkt: &mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Option<Iterate> {
+fn polished(
+    kkt: &mut Kkt,
+    inverse: &InverseProblem<'_>,
+    problem: &Collocation<'_>,
+    iterate: &Iterate,
+) -> Option<Iterate> {
     let mut x = polish(kkt, problem, &iterate.x, &active(&iterate.inequalities))?;
     // Set the activation of an idle muscle to exactly 0, even where a ≥ 0 is not imposed.
-    for (m, idle) in idle(problem, &x).into_iter().enumerate() {
+    for (m, idle) in idle(inverse, problem, &x).into_iter().enumerate() {
         if idle {
-            let at = problem.instant.muscle(m) + ACTIVATION;
-            let indices: Vec<usize> =
-                problem.layout.points.iter().flat_map(|p| p.map[at].iter().map(|&(index, _)| index)).collect();
-            indices.into_iter().for_each(|index| {
+            let maps = problem.points.iter().map(|point| &point.map.combinations[inverse.muscles.a.at(m)]);
+            maps.flatten().for_each(|&(index, _)| {
                 if x[index].abs() <= ACTIVE {
                     x[index] = 0.0;
                 }
@@ -296,7 +297,7 @@ fn polished(kkt: &mut Kkt, problem: &Collocation<'_>, iterate: &Iterate) -> Opti
 /// Rows of the active inequalities of `iterate`, except f_m ≥ 0; and those of f_m ≥ 0.
 fn active_rows(problem: &Collocation<'_>, iterate: &Iterate) -> (Vec<usize>, Vec<usize>) {
     let active = active(&iterate.inequalities);
-    (0..active.len()).filter(|&row| active[row]).partition(|&row| problem.bounds[row].kind != BoundKind::Force)
+    (0..active.len()).filter(|&row| active[row]).partition(|&row| !solution::is_force(problem, row))
 }
 
 /// One row per SQP iteration; deficiencies if there is a `counter`, until its deadline passes.
@@ -335,6 +336,7 @@ fn iteration_rows(
 /// around the tolerance; and the null directions. `None` if the ranks cannot be computed.
 fn regularity_rows(
     counter: &mut RankCounter,
+    inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     point: &Iterate,
     setting: &Setting,
@@ -348,7 +350,7 @@ fn regularity_rows(
         all.extend(&force);
         counter.deficiencies(point, &all)?
     };
-    let predicted = predict(problem, &point.x, &bounds, setting);
+    let predicted = predict(inverse, problem, &point.x, &bounds, setting);
     let row = |spectrum: &regularity::Spectrum, predicted: Option<usize>| MatrixRank {
         size: (spectrum.rank + spectrum.deficiency) as i64,
         rank: spectrum.rank as i64,
@@ -382,9 +384,9 @@ fn regularity_rows(
         multipliers_unique: Some(found.a.deficiency == 0),
         answer_unique: Some(found.aj.deficiency == 0),
         loads_unique: Some(
-            !found.null_directions.iter().any(|d| solution::moves_load(problem, &point.x, d, MOVES_LOAD)),
+            !found.null_directions.iter().any(|d| solution::moves_load(inverse, problem, &point.x, d, MOVES_LOAD)),
         ),
-        null_space: uniqueness::describe(problem, &found.null_directions, &idle(problem, &point.x)),
+        null_space: uniqueness::describe(inverse, problem, &found.null_directions, &idle(inverse, problem, &point.x)),
     };
     Some((regularity, spectrum, found.null_directions))
 }

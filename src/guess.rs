@@ -13,6 +13,7 @@
 //! eq. (24) for it point by point would invert the flat ends of the force–velocity curve.
 
 use crate::deadline::Deadline;
+use crate::methods::InverseProblem;
 use crate::model::Model;
 use crate::model::curves::{active_force_length, passive_force_length, tendon_strain};
 use crate::motion::Measurement;
@@ -20,8 +21,8 @@ use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;
 use crate::numerics::bspline::SplineSpace;
 use crate::numerics::sparse::Sparse;
-use crate::transcription::instant::{Form, Instant};
-use crate::transcription::midpoint::Midpoint;
+use crate::problem::QuantityId;
+use crate::transcription::midpoint::mesh;
 use crate::transcription::scheme::{Discretisation, Trajectory};
 
 /// Penalty on violating the equation of motion by the total weight, relative to an activation of 1.
@@ -32,7 +33,7 @@ const SMOOTHING: f64 = 1e-3;
 /// The initial guess as functions of time, for any scheme: splines through the results of inverse dynamics at `p`
 /// equidistant instants.
 pub struct Guess<'g> {
-    model: &'g Model,
+    inverse: &'g InverseProblem<'g>,
     times: Vec<f64>,
     coordinate: SplineSpace,
     state: SplineSpace,
@@ -48,11 +49,15 @@ pub struct Guess<'g> {
 impl<'g> Guess<'g> {
     /// The guess from `points` instants. `None` if a fit or a quadratic programme fails (non-finite data), or the
     /// deadline passes.
-    pub fn new(instant: &Instant<'g>, points: usize, measurement: &Measurement, deadline: Deadline) -> Option<Self> {
-        let model = instant.model;
-        let duration = measurement.times[measurement.times.len() - 1];
-        let scheme = Midpoint::new(&Instant::new(model, Form::SecondOrder), points, duration);
-        let (times, coordinate, state) = (scheme.points, scheme.coordinate, scheme.state);
+    pub fn new(
+        inverse: &'g InverseProblem<'g>,
+        points: usize,
+        measurement: &Measurement,
+        deadline: Deadline,
+    ) -> Option<Self> {
+        let model = inverse.model;
+        let (times, breakpoints) = mesh(points, measurement.times[measurement.times.len() - 1]);
+        let [state, coordinate] = [1, 2].map(|degree| SplineSpace::new(degree, &breakpoints));
         let coordinates: Vec<Vec<f64>> = (0..model.coordinates())
             .map(|i| {
                 let data: Vec<f64> = measurement.coordinates.iter().map(|q| q[i]).collect();
@@ -66,8 +71,8 @@ impl<'g> Guess<'g> {
         for &t in &times {
             let at =
                 |derivative| -> Vec<f64> { coordinates.iter().map(|c| coordinate.value(c, t, derivative)).collect() };
-            let (force, reaction) = distribute_load(instant, t, [&at(0), &at(1), &at(2)], deadline)?;
-            let q = all_coordinates(instant, t, &at(0));
+            let (force, reaction) = distribute_load(inverse, t, [&at(0), &at(1), &at(2)], deadline)?;
+            let q = all_coordinates(inverse, t, &at(0));
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let mut path = muscle.path.buffer();
                 muscle.path.length(&q, false, &mut path);
@@ -97,7 +102,7 @@ impl<'g> Guess<'g> {
             length_splines.push(length);
         }
         let guess = Self {
-            model,
+            inverse,
             times,
             coordinate,
             state,
@@ -111,15 +116,7 @@ impl<'g> Guess<'g> {
     }
 }
 
-impl Trajectory for Guess<'_> {
-    fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64 {
-        self.coordinate.value(&self.coordinates[i], t, derivative)
-    }
-
-    fn length(&self, t: f64, m: usize) -> f64 {
-        self.state.value(&self.lengths[m], t, 0)
-    }
-
+impl Guess<'_> {
     fn activation(&self, t: f64, m: usize) -> f64 {
         // The fitted coefficients may be slightly negative: clip them.
         let basis = self.state.basis(t, 0);
@@ -129,7 +126,7 @@ impl Trajectory for Guess<'_> {
     fn excitation(&self, t: f64, m: usize) -> f64 {
         let spline = &self.activations[m];
         let (a, rate) = (self.state.value(spline, t, 0), self.state.value(spline, t, 1));
-        self.model.muscles[m].excitation(a, rate).clamp(0.0, 1.0)
+        self.inverse.model.muscles[m].excitation(a, rate).clamp(0.0, 1.0)
     }
 
     fn reaction(&self, t: f64, c: usize) -> f64 {
@@ -139,15 +136,37 @@ impl Trajectory for Guess<'_> {
     }
 }
 
+impl Trajectory for Guess<'_> {
+    /// Quantities that inverse dynamics does not know are zero.
+    fn value(&self, t: f64, quantity: QuantityId, member: usize, derivative: usize) -> f64 {
+        let (motion, muscles) = (&self.inverse.motion, &self.inverse.muscles);
+        if quantity == motion.coordinate {
+            self.coordinate.value(&self.coordinates[member], t, derivative)
+        } else if Some(quantity) == motion.velocity {
+            self.coordinate.value(&self.coordinates[member], t, derivative + 1)
+        } else if quantity == muscles.fibre_length {
+            self.state.value(&self.lengths[member], t, 0)
+        } else if quantity == muscles.activation {
+            self.activation(t, member)
+        } else if quantity == muscles.excitation {
+            self.excitation(t, member)
+        } else if quantity == motion.reaction {
+            self.reaction(t, member)
+        } else {
+            0.0
+        }
+    }
+}
+
 /// The initial decision vector for a scheme with `points` instants (p). `None` as in [`Guess::new`].
 pub fn initial_guess(
-    instant: &Instant<'_>,
+    inverse: &InverseProblem<'_>,
     scheme: &dyn Discretisation,
     points: usize,
     measurement: &Measurement,
     deadline: Deadline,
 ) -> Option<Vec<f64>> {
-    let x = scheme.compose(&Guess::new(instant, points, measurement, deadline)?);
+    let x = scheme.compose(&Guess::new(inverse, points, measurement, deadline)?);
     x.iter().all(|v| v.is_finite()).then_some(x)
 }
 
@@ -170,16 +189,16 @@ pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> O
 }
 
 /// All body coordinates, those with prescribed motion last.
-fn all_coordinates(instant: &Instant<'_>, t: f64, q: &[f64]) -> Vec<f64> {
-    let mut z = vec![0.0; instant.variables()];
-    z[..q.len()].copy_from_slice(q);
-    instant.coordinates(t, &z)
+fn all_coordinates(inverse: &InverseProblem<'_>, t: f64, q: &[f64]) -> Vec<f64> {
+    let mut all = inverse.motion.all.of(&inverse.control.given_at(t)).to_vec();
+    all[..q.len()].copy_from_slice(q);
+    all
 }
 
 /// Normalised tendon forces, and reactions in units of the total weight, that minimise ‖a‖² at one instant, for the
 /// motion `[q, q̇, q̈]`. `None` if the programme fails or the deadline passes.
 fn distribute_load(
-    instant: &Instant<'_>,
+    inverse: &InverseProblem<'_>,
     t: f64,
     [q, velocity, acceleration]: [&[f64]; 3],
     deadline: Deadline,
@@ -187,35 +206,35 @@ fn distribute_load(
     if deadline.passed() {
         return None;
     }
-    let model = instant.model;
+    let (model, motion) = (inverse.model, &inverse.motion);
     let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
-    let all = all_coordinates(instant, t, q);
-    let bounds = tendon_force_range(model, &all, velocity);
     // The equation of motion is linear in the reactions and the tendon forces: assemble its coefficients.
-    let mut z = vec![0.0; instant.variables()];
-    z[..nq].copy_from_slice(q);
-    (0..nq).for_each(|i| z[instant.acceleration(i)] = acceleration[i]);
-    if instant.form == Form::Stabilised {
-        (0..nq).for_each(|i| z[instant.velocity(i)] = velocity[i]);
+    let mut z = inverse.control.given_at(t);
+    z[motion.q.range()].copy_from_slice(q);
+    z[motion.accelerations.range()].copy_from_slice(acceleration);
+    if let (Some(rates), Some(_)) = (motion.rates, motion.velocity) {
+        z[rates.range()][..nq].copy_from_slice(velocity);
     }
-    let mut residual = vec![0.0; instant.equations()];
-    instant.residual(t, &z, &mut residual);
+    let all = motion.all.of(&z);
+    let bounds = tendon_force_range(model, all, velocity);
+    let mut residual = vec![0.0; inverse.control.rows()];
+    inverse.control.values(&z, &mut residual);
     let weight = model.weight();
     let mut columns: Vec<(usize, usize, f64)> = Vec::new();
-    let mut unloaded = residual[..nq].to_vec();
+    let mut unloaded = motion.equation.of(&residual).to_vec();
     for (m, muscle) in model.muscles.iter().enumerate() {
         let mut path = muscle.path.buffer();
-        muscle.path.length(&all, false, &mut path);
+        muscle.path.length(all, false, &mut path);
         let strength = muscle.max_isometric_force / weight;
         // The residual at z includes the passive force of a fibre of zero length; replace it by f_t0 + H a.
-        let included = instant.fibre_force(&z, m);
+        let included = inverse.fibre_force(&z, m);
         let (low, high) = bounds[m];
         for (slot, gradient) in muscle.path.slots().iter().zip(&path.gradient) {
             unloaded[*slot] += strength * (low - included) * gradient;
             columns.push((*slot, m, strength * (high - low) * gradient));
         }
     }
-    model.mechanics.constraint_functions(&all, |row, slots, _, gradient, _| {
+    model.mechanics.constraint_functions(all, |row, slots, _, gradient, _| {
         for (&coordinate, &gradient) in slots.iter().zip(gradient).filter(|(slot, _)| **slot < nq) {
             columns.push((coordinate, nm + row, gradient));
         }

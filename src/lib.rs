@@ -14,10 +14,13 @@
 //! skeleton/       a spatial model in joint coordinates: frames, paths around surfaces, moment arms
 //! opensim/        OpenSim models, converted to spatial model files
 //! motion/         joint coordinates over time: file → measured body coordinates
-//! transcription/  (model, measurement, settings) → a sparse nonlinear problem
+//! problem/        what is to be solved, in continuous time: quantities, equations (blocks/), limits, goals
+//! methods/        which of these make up an inverse method
+//! transcription/  problem, goals → a sparse nonlinear programme
 //! guess.rs        start guess by inverse dynamics
 //! nlp/            SQP, active sets, regularity; independent of muscles
 //! numerics/       splines, sparse matrices, ranks; independent of biomechanics
+//! starts.rs       what a job's solves start from
 //! warm.rs         a solved problem as the start of another
 //! solution.rs     a solved problem → loads, errors, functions of time
 //! mesh_error.rs   estimated discretisation error of effort and loads
@@ -61,6 +64,7 @@ pub mod files;
 pub mod guess;
 pub mod memory;
 pub mod mesh_error;
+pub mod methods;
 pub mod model;
 pub mod motion;
 pub mod names;
@@ -69,12 +73,14 @@ pub mod numerics;
 pub mod opensim;
 pub mod outcome;
 pub mod plausibility;
+pub mod problem;
 pub mod reference;
 pub mod report;
 pub mod run;
 pub mod skeleton;
 pub mod solution;
 pub mod solve;
+pub mod starts;
 pub mod study;
 pub mod table1;
 pub mod tables;

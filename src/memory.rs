@@ -4,8 +4,8 @@
 //! The constants are fitted to the peak memory use of the whole program in 11 problems with 5 to 1001 intervals, 5 to
 //! 500 muscles, and 1 or 3 stages.
 
+use crate::methods::InverseProblem;
 use crate::study::settings::{RegularityMode, Settings};
-use crate::transcription::instant::Instant;
 
 /// Memory of the program without a problem, bytes.
 const BASE: f64 = 20e6;
@@ -33,10 +33,10 @@ pub struct ProblemSize {
 
 impl ProblemSize {
     /// The size of the problem with `points` points (p).
-    pub fn of(instant: &Instant<'_>, settings: &Settings, points: usize) -> Self {
+    pub fn of(inverse: &InverseProblem<'_>, settings: &Settings, points: usize) -> Self {
         let intervals = points as f64 - 1.0;
-        let local = (instant.variables() + instant.equations()) as f64;
-        let columns = (instant.model.coordinates() + instant.model.muscles.len()) as f64;
+        let local = (inverse.control.variables() + inverse.control.rows()) as f64;
+        let columns = (inverse.motion.q.count + inverse.muscles.a.count) as f64;
         Self {
             points: PER_UNKNOWN_AT_POINT * local * (settings.points_per_interval() as f64 * intervals + 1.0),
             rows: columns * (settings.measured_per_interval() as f64 * intervals + 1.0),

@@ -24,6 +24,7 @@
 use crate::nlp::iterate::Iterate;
 use crate::solution::Solution;
 use crate::transcription::radau::{lagrange, tableau};
+use crate::transcription::scheme::LocalMap;
 use crate::uniqueness::Linearised;
 
 /// Estimated errors: computed minus exact values.
@@ -47,7 +48,8 @@ pub fn estimate(solution: &Solution<'_>, linearised: &mut Linearised<'_>) -> Opt
     let gradient = added(&gradient, &next.lagrangian_gradient());
     let (second, _) = linearised.follow(&gradient, &added(&equalities, &next.equalities))?;
     let step = added(&first, &second);
-    let stages = (solution.scheme.points().len() - 1) / (solution.scheme.breakpoints().len() - 1);
+    let scheme = solution.problem.scheme;
+    let stages = (scheme.points().len() - 1) / (scheme.breakpoints().len() - 1);
     let factor = -1.0 / (1.0 - 0.5f64.powi(2 * stages as i32 - 1));
     let error = MeshError {
         effort: factor * solution.effort_slope(&step),
@@ -62,27 +64,32 @@ fn added(a: &[f64], b: &[f64]) -> Vec<f64> {
 
 /// The defect: ∂L/∂x − ∂L_h/∂x, and ∂L/∂λ − ∂L_h/∂λ by equality row.
 fn defect(solution: &Solution<'_>, iterate: &Iterate) -> (Vec<f64>, Vec<f64>) {
-    let (problem, scheme) = (solution.problem, solution.scheme);
-    let (instant, points) = (&problem.instant, scheme.points());
-    let (equations, variables) = (instant.equations(), instant.variables());
+    let (problem, scheme) = (solution.problem, solution.problem.scheme);
+    let (control, points) = (problem.control, scheme.points());
+    let equations = control.equation_rows();
     let mut gradient = vec![0.0; iterate.x.len()];
     let mut equalities = vec![0.0; iterate.equalities.len()];
     let mut first_row = vec![usize::MAX; points.len()];
-    for (row, (point, equation)) in problem.rows().equalities.into_iter().enumerate() {
+    for (row, (point, equation)) in problem.equality_names().into_iter().enumerate() {
         if let (Some(j), 0) = (point, equation) {
             first_row[j] = row;
         }
     }
-    let (mut jacobian, mut force) = (vec![0.0; equations * variables], vec![[0.0; 3]; instant.model.muscles.len()]);
-    let mut residual = vec![0.0; equations];
+    let mut slopes = vec![0.0; control.slope_pattern().len()];
+    let mut residual = vec![0.0; control.rows()];
     // Adds `factor` times λᵀ ∂r/∂x at time t to the gradient, and stores r(t) in `residual`.
     let mut add = |t: f64, factor: f64, lambda: &[f64], residual: &mut [f64]| {
-        let map = scheme.local_at(instant, t);
-        let z: Vec<f64> = map.iter().map(|c| c.iter().map(|&(i, w)| w * iterate.x[i]).sum()).collect();
-        instant.residual(t, &z, residual);
-        instant.jacobian(t, &z, &mut jacobian, &mut force);
-        for (local, combination) in map.iter().enumerate() {
-            let derivative: f64 = (0..equations).map(|row| lambda[row] * jacobian[row * variables + local]).sum();
+        let map = LocalMap::new(control, scheme, scheme.place(t));
+        let z = map.apply(&iterate.x);
+        control.values(&z, residual);
+        control.slopes(&z, &mut slopes);
+        let mut derivatives = vec![0.0; control.variables()];
+        for (&(row, variable), slope) in
+            control.slope_pattern().iter().zip(&slopes).filter(|((row, _), _)| *row < equations)
+        {
+            derivatives[variable] += lambda[row] * slope;
+        }
+        for (derivative, combination) in derivatives.iter().zip(&map.combinations) {
             combination.iter().for_each(|&(i, w)| gradient[i] += factor * derivative * w);
         }
     };

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::nlp::iterate::Iterate;
 use crate::nlp::sqp::SqpStatus;
 
 /// How a job ended. Only `converged` is success.
@@ -85,6 +86,16 @@ pub struct SolutionPoint {
     pub equality_multipliers: Vec<f64>,
     #[serde(with = "base64_doubles")]
     pub inequality_multipliers: Vec<f64>,
+}
+
+impl SolutionPoint {
+    pub fn of(iterate: &Iterate) -> Self {
+        Self {
+            x: iterate.x.clone(),
+            equality_multipliers: iterate.equality_multipliers.clone(),
+            inequality_multipliers: iterate.inequality_multipliers.clone(),
+        }
+    }
 }
 
 /// Numbers as the base64 text of their little-endian bytes: exact, and half as long as decimal digits.

@@ -1,5 +1,6 @@
 //! Turns a solution into rows: loads, activations, residuals of the unscaled problem, functions of time.
 
+use crate::methods::InverseProblem;
 use crate::model::Model;
 use crate::motion::Measurement;
 use crate::nlp::iterate::Iterate;
@@ -7,9 +8,9 @@ use crate::nlp::polish::active;
 use crate::nlp::problem::Problem;
 use crate::numerics::larger;
 use crate::outcome::{JobRow, MuscleRow, Status, TrajectoryRow};
-use crate::transcription::collocation::{BoundKind, Collocation, Combination, evaluate};
-use crate::transcription::instant::{ACTIVATION, EXCITATION, Form, LENGTH, VELOCITY};
-use crate::transcription::scheme::Discretisation;
+use crate::problem::Bounded;
+use crate::transcription::collocation::Collocation;
+use crate::transcription::scheme::{Combination, LocalMap, evaluate};
 
 /// Number of points at each end where reactions and accelerations of the midpoint scheme ring.
 const END_POINTS: usize = 4;
@@ -18,35 +19,44 @@ const SATURATED: f64 = 1e-6;
 
 /// A solved problem.
 pub struct Solution<'s> {
+    pub inverse: &'s InverseProblem<'s>,
     pub problem: &'s Collocation<'s>,
-    pub scheme: &'s dyn Discretisation,
     pub measurement: &'s Measurement,
     pub iterate: &'s Iterate,
 }
 
 impl Solution<'_> {
     fn model(&self) -> &Model {
-        self.problem.instant.model
+        self.inverse.model
     }
 
     /// z at every collocation point.
     fn locals(&self) -> Vec<Vec<f64>> {
-        (0..self.problem.layout.points.len()).map(|j| self.problem.local(j, &self.iterate.x)).collect()
+        (0..self.problem.points.len()).map(|j| self.problem.local(j, &self.iterate.x)).collect()
     }
 
     /// z at the points where every function has a value.
     fn complete_locals(&self) -> Vec<Vec<f64>> {
-        let points = &self.problem.layout.points;
+        let points = &self.problem.points;
         (0..points.len()).filter(|&j| points[j].complete).map(|j| self.problem.local(j, &self.iterate.x)).collect()
     }
 
     fn duration(&self) -> f64 {
-        let breakpoints = self.scheme.breakpoints();
+        let breakpoints = self.problem.scheme.breakpoints();
         breakpoints[breakpoints.len() - 1] - breakpoints[0]
     }
 
     fn activation(&self, t: f64, muscle: usize) -> f64 {
-        evaluate(&self.scheme.activation_at(t, muscle), &self.iterate.x)
+        evaluate(&self.activation_combination(t, muscle), &self.iterate.x)
+    }
+
+    fn activation_combination(&self, t: f64, muscle: usize) -> Combination {
+        self.inverse.activation_at(self.problem.scheme, t, muscle)
+    }
+
+    /// Body coordinate `i`, or a derivative, at time t (s).
+    fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64 {
+        evaluate(&self.inverse.coordinate_at(self.problem.scheme, t, derivative, i), &self.iterate.x)
     }
 
     /// The job's row, without status, starts and times.
@@ -54,15 +64,10 @@ impl Solution<'_> {
         let (problem, iterate) = (self.problem, self.iterate);
         let muscles = 0..self.model().muscles.len();
         let locals = self.locals();
-        let at_points = || {
-            locals
-                .iter()
-                .flat_map(|z| (0..self.model().muscles.len()).map(|m| z[problem.instant.muscle(m) + ACTIVATION]))
-        };
+        let at_points = || locals.iter().flat_map(|z| self.inverse.muscles.a.of(z).iter().copied());
         let (rms_m, rms_deg) = self.tracking_rms();
         let active = active(&iterate.inequalities);
-        let force =
-            (0..active.len()).filter(|&row| active[row] && problem.bounds[row].kind == BoundKind::Force).count();
+        let force = (0..active.len()).filter(|&row| active[row] && is_force(problem, row)).count();
         let [stationarity, complementarity] = self.unscaled_errors();
         let max_activation = at_points().fold(f64::NEG_INFINITY, f64::max);
         JobRow {
@@ -100,7 +105,7 @@ impl Solution<'_> {
         let (mut metres, mut degrees) = (0.0, 0.0);
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
             for (i, value) in measured.iter().enumerate() {
-                let difference = evaluate(&self.scheme.coordinate_at(t, 0, i), &self.iterate.x) - value;
+                let difference = self.coordinate(t, 0, i) - value;
                 if i % each < positions {
                     metres += difference * difference;
                 } else {
@@ -114,15 +119,13 @@ impl Solution<'_> {
 
     /// max |Φ_q q̇| over the points. The midpoint scheme imposes Φ = 0 there, but not its derivative.
     fn max_constraint_velocity(&self) -> f64 {
-        let instant = &self.problem.instant;
         let mut worst: f64 = 0.0;
-        for (j, &t) in self.scheme.points().iter().enumerate() {
+        for (j, &t) in self.problem.scheme.points().iter().enumerate() {
             let z = self.problem.local(j, &self.iterate.x);
-            let mut velocity: Vec<f64> = (0..self.model().coordinates())
-                .map(|i| evaluate(&self.scheme.coordinate_at(t, 1, i), &self.iterate.x))
-                .collect();
-            velocity.extend(instant.surroundings().given(t).1);
-            self.model().mechanics.constraint_functions(&instant.coordinates(t, &z), |_, slots, _, gradient, _| {
+            let mut velocity: Vec<f64> = (0..self.model().coordinates()).map(|i| self.coordinate(t, 1, i)).collect();
+            let motion = &self.inverse.motion;
+            velocity.extend(motion.rates.iter().flat_map(|rates| rates.of(&z).iter().skip(motion.q.count)));
+            self.model().mechanics.constraint_functions(motion.all.of(&z), |_, slots, _, gradient, _| {
                 let moving = slots.iter().zip(gradient).filter(|(slot, _)| **slot < velocity.len());
                 let rate: f64 = moving.map(|(&slot, g)| g * velocity[slot]).sum();
                 worst = worst.max(rate.abs());
@@ -134,20 +137,16 @@ impl Solution<'_> {
     /// How well the equations hold where the scheme does not impose them: the largest of |eq. (1)| over total weight,
     /// |eq. (3)| in normalised force, |Φ| in m and |eq. (4)|·τ midway between neighbouring points.
     fn mid_interval_error(&self) -> f64 {
-        let instant = &self.problem.instant;
-        let mut residual = vec![0.0; instant.equations()];
-        let [_, contraction, activation] = instant.row_starts();
-        let [printed, _] = instant.stabilised_row_starts();
+        let control = &self.inverse.control;
+        let mut residual = vec![0.0; control.rows()];
         let mut worst = 0.0;
-        for pair in self.scheme.points().windows(2) {
-            let t = 0.5 * (pair[0] + pair[1]);
-            let map = self.scheme.local_at(instant, t);
-            let z: Vec<f64> = map.iter().map(|combination| evaluate(combination, &self.iterate.x)).collect();
-            instant.residual(t, &z, &mut residual);
-            for m in 0..activation - contraction {
-                residual[contraction + m] = instant.printed_contraction_residual(t, &z, m);
+        for pair in self.problem.scheme.points().windows(2) {
+            let place = self.problem.scheme.place(0.5 * (pair[0] + pair[1]));
+            let z = LocalMap::new(control, self.problem.scheme, place).apply(&self.iterate.x);
+            control.printed_values(&z, &mut residual);
+            for equation in control.equations.iter().filter(|equation| equation.is_printed) {
+                worst = equation.rows.of(&residual).iter().map(|r| r.abs()).fold(worst, larger);
             }
-            worst = residual[..printed].iter().map(|r| r.abs()).fold(worst, larger);
         }
         worst
     }
@@ -161,7 +160,7 @@ impl Solution<'_> {
     fn quadrature(&self) -> impl Iterator<Item = (f64, f64)> {
         let (near, far) = (0.339_981_043_584_856_3, 0.861_136_311_594_052_6);
         let rule = [(near, 0.652_145_154_862_546_1), (far, 0.347_854_845_137_453_9)];
-        self.scheme.breakpoints().windows(2).flat_map(move |w| {
+        self.problem.scheme.breakpoints().windows(2).flat_map(move |w| {
             let (middle, half) = (0.5 * (w[0] + w[1]), 0.5 * (w[1] - w[0]));
             rule.into_iter().flat_map(move |(x, b)| [(middle - half * x, half * b), (middle + half * x, half * b)])
         })
@@ -174,7 +173,7 @@ impl Solution<'_> {
             .map(|m| {
                 let mut weights = std::collections::BTreeMap::new();
                 for (t, weight) in self.quadrature() {
-                    for (i, w) in self.scheme.activation_at(t, m) {
+                    for (i, w) in self.activation_combination(t, m) {
                         *weights.entry(i).or_insert(0.0) += weight * w / duration;
                     }
                 }
@@ -186,7 +185,7 @@ impl Solution<'_> {
     /// Derivative of the effort ∫Σa² dt (s) along a direction.
     pub fn effort_slope(&self, direction: &[f64]) -> f64 {
         let product = |t: f64, m: usize| {
-            let combination = self.scheme.activation_at(t, m);
+            let combination = self.activation_combination(t, m);
             evaluate(&combination, &self.iterate.x) * evaluate(&combination, direction)
         };
         (0..self.model().muscles.len()).map(|m| 2.0 * self.integrate(|t| product(t, m))).sum()
@@ -194,17 +193,16 @@ impl Solution<'_> {
 
     /// Derivative of each muscle's mean force (N) along a direction.
     pub fn mean_force_slopes(&self, direction: &[f64]) -> Vec<f64> {
-        let instant = &self.problem.instant;
         let duration = self.duration();
         let mut slopes = vec![0.0; self.model().muscles.len()];
-        for (j, weight) in self.scheme.quadrature().into_iter().enumerate() {
-            if !self.problem.layout.points[j].complete {
+        for (j, weight) in self.problem.scheme.quadrature().into_iter().enumerate() {
+            if !self.problem.points[j].complete {
                 continue;
             }
             let z = self.problem.local(j, &self.iterate.x);
-            let dz = self.problem.local(j, direction);
+            let dz = self.problem.local_change(j, direction);
             for (m, muscle) in self.model().muscles.iter().enumerate() {
-                let change = instant.fibre_force_change(&z, &dz, m);
+                let change = self.inverse.contractions[m].fibre_force_change(&z, &dz);
                 slopes[m] += weight / duration * muscle.max_isometric_force * change;
             }
         }
@@ -213,34 +211,42 @@ impl Solution<'_> {
 
     pub fn muscle_rows(&self) -> Vec<MuscleRow> {
         let (locals, complete) = (self.locals(), self.complete_locals());
-        let points = &self.problem.layout.points;
-        let weights: Vec<f64> =
-            self.scheme.quadrature().into_iter().zip(points).filter(|(_, p)| p.complete).map(|(w, _)| w).collect();
-        let instant = &self.problem.instant;
+        let points = &self.problem.points;
+        let weights: Vec<f64> = self
+            .problem
+            .scheme
+            .quadrature()
+            .into_iter()
+            .zip(points)
+            .filter(|(_, p)| p.complete)
+            .map(|(w, _)| w)
+            .collect();
+        let variables = &self.inverse.muscles;
         let duration = self.duration();
-        let idle = crate::analysis::idle(self.problem, &self.iterate.x);
+        let idle = crate::analysis::idle(self.inverse, self.problem, &self.iterate.x);
         self.model()
             .muscles
             .iter()
             .enumerate()
             .map(|(m, muscle)| {
-                let at = instant.muscle(m);
+                let [a, l, u] = [variables.a, variables.l, variables.u].map(|span| span.at(m));
                 let forces: Vec<f64> =
-                    complete.iter().map(|z| muscle.max_isometric_force * instant.fibre_force(z, m)).collect();
-                let velocities: Vec<f64> = complete.iter().map(|z| z[at + VELOCITY]).collect();
+                    complete.iter().map(|z| muscle.max_isometric_force * self.inverse.fibre_force(z, m)).collect();
+                let velocities: Vec<f64> = complete.iter().map(|z| z[variables.l_rate.at(m)]).collect();
                 let impulse: f64 = weights.iter().zip(&forces).map(|(w, f)| w * f).sum();
                 let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                let of = |points: &[Vec<f64>], kind: usize| points.iter().map(|z| z[at + kind]).collect::<Vec<f64>>();
-                let lengths = of(&locals, LENGTH);
-                let at_one = weights.iter().zip(&complete).filter(|(_, z)| z[at + ACTIVATION] > 1.0 - SATURATED);
+                let of =
+                    |points: &[Vec<f64>], variable: usize| points.iter().map(|z| z[variable]).collect::<Vec<f64>>();
+                let lengths = of(&locals, l);
+                let at_one = weights.iter().zip(&complete).filter(|(_, z)| z[a] > 1.0 - SATURATED);
                 let (ringing, direction_changes) = ringing(&velocities);
                 MuscleRow {
                     muscle: muscle.name.clone(),
                     mean_activation_low: None,
                     mean_activation_high: None,
                     mean_activation: self.integrate(|t| self.activation(t, m)) / duration,
-                    peak_activation: largest(&of(&locals, ACTIVATION)),
-                    peak_excitation: largest(&of(&complete, EXCITATION)),
+                    peak_activation: largest(&of(&locals, a)),
+                    peak_excitation: largest(&of(&complete, u)),
                     saturated_share: at_one.map(|(weight, _)| weight).sum::<f64>() / duration,
                     mean_force_n: impulse / duration,
                     mean_force_mesh_error_n: None,
@@ -262,11 +268,8 @@ impl Solution<'_> {
     /// Functions of time at the collocation points, and the measured coordinates at the measured instants. Times are
     /// those of the motion file, which `motion.time_scale` stretches from the start of the motion.
     pub fn trajectory_rows(&self) -> Vec<TrajectoryRow> {
-        let (model, instant) = (self.model(), &self.problem.instant);
-        let names = model.body_coordinate_names();
-        let weight = model.weight();
+        let (model, clock) = (self.model(), self.measurement.clock);
         let mut rows = Vec::new();
-        let clock = self.measurement.clock;
         let mut push = |t: f64, signal: &str, name: &str, value: f64, end_effect: bool| {
             rows.push(TrajectoryRow {
                 time_s: clock + t,
@@ -276,45 +279,25 @@ impl Solution<'_> {
                 end_effect,
             });
         };
+        self.push_measured(&mut push);
         let mut near = Vec::new();
-        for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
-            for (i, name) in names.iter().enumerate() {
-                push(t, "measured", name, measured[i], false);
-                push(t, "coordinate", name, evaluate(&self.scheme.coordinate_at(t, 0, i), &self.iterate.x), false);
-            }
-            let all = [&measured[..], &instant.surroundings().given(t).0[..]].concat();
-            for (name, value) in model.joint_coordinate_values(&all, &mut near) {
-                push(t, "measured_joint_coordinate", name, value, false);
-            }
-        }
-        near.clear();
-        let rings = instant.form == Form::SecondOrder;
-        let count = self.scheme.points().len();
-        for (j, (&t, z)) in self.scheme.points().iter().zip(self.locals()).enumerate() {
-            let complete = self.problem.layout.points[j].complete;
+        // Functions of degree 0 ring at both ends.
+        let rings = self.inverse.motion.velocity.is_none();
+        let count = self.problem.scheme.points().len();
+        for (j, (&t, z)) in self.problem.scheme.points().iter().zip(self.locals()).enumerate() {
             let end = rings && (j < END_POINTS || j + END_POINTS >= count);
-            for (i, name) in names.iter().enumerate().filter(|_| complete) {
-                push(t, "acceleration", name, z[instant.acceleration(i)], end);
+            let (q, complete) = (self.inverse.motion.all.of(&z), self.problem.points[j].complete);
+            for (i, name) in model.body_coordinate_names().iter().enumerate().filter(|_| complete) {
+                push(t, "acceleration", name, z[self.inverse.motion.accelerations.at(i)], end);
             }
-            let q = instant.coordinates(t, &z);
-            for (name, value) in model.joint_coordinate_values(&q, &mut near) {
+            for (name, value) in model.joint_coordinate_values(q, &mut near) {
                 push(t, "joint_coordinate", name, value, false);
             }
-            for (m, muscle) in model.muscles.iter().enumerate() {
-                let at = instant.muscle(m);
-                push(t, "activation", &muscle.name, z[at + ACTIVATION], false);
-                push(t, "fibre_length", &muscle.name, z[at + LENGTH], false);
-                if complete {
-                    let force = muscle.max_isometric_force * instant.fibre_force(&z, m);
-                    push(t, "excitation", &muscle.name, z[at + EXCITATION], false);
-                    push(t, "fibre_velocity", &muscle.name, z[at + VELOCITY], false);
-                    push(t, "force_n", &muscle.name, force, false);
-                }
-            }
-            let paths = model.muscles.iter().map(|muscle| (muscle.name.as_str(), muscle.path.positions(&q)));
+            self.push_muscles(&mut push, (t, &z), complete);
+            let paths = model.muscles.iter().map(|muscle| (muscle.name.as_str(), muscle.path.positions(q)));
             let lines = paths.map(|path| ("path_point_m", path));
             for (signal, (name, line)) in
-                lines.chain(model.mechanics.bones(&q).into_iter().map(|bone| ("bone_point_m", bone)))
+                lines.chain(model.mechanics.bones(q).into_iter().map(|bone| ("bone_point_m", bone)))
             {
                 for (k, place) in line.iter().enumerate() {
                     for (axis, x) in ["x", "y", "z"].iter().zip(place) {
@@ -324,23 +307,56 @@ impl Solution<'_> {
             }
             for (row, name) in model.reaction_names().into_iter().enumerate().filter(|_| complete) {
                 let Some(name) = name else { continue };
-                push(t, "reaction_n", &name, weight * z[instant.reaction(row)], end);
+                push(t, "reaction_n", &name, model.weight() * z[self.inverse.motion.reactions.at(row)], end);
             }
         }
         let active = active(&self.iterate.inequalities);
         for (bound, active) in self.problem.bounds.iter().zip(active) {
-            let kind = match bound.kind {
-                BoundKind::Activation => "activation",
-                BoundKind::Excitation => "excitation",
-                BoundKind::ActivationUpper => "activation_upper",
-                BoundKind::ExcitationUpper => "excitation_upper",
-                BoundKind::Force => "force",
-            };
-            let name = format!("{}.{kind}", model.muscles[bound.muscle].name);
-            push(self.scheme.points()[bound.point], "bound_active", &name, f64::from(u8::from(active)), false);
+            let limit = self.problem.limit(bound);
+            let name = format!("{}.{}", limit.member, limit.name);
+            let t = self.problem.scheme.points()[bound.point];
+            push(t, "bound_active", &name, f64::from(u8::from(active)), false);
         }
         rows
     }
+
+    /// The measured coordinates at the measured instants, and the solution's there.
+    fn push_measured(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool)) {
+        let (model, motion) = (self.model(), &self.inverse.motion);
+        let names = model.body_coordinate_names();
+        let mut near = Vec::new();
+        for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
+            for (i, name) in names.iter().enumerate() {
+                push(t, "measured", name, measured[i], false);
+                push(t, "coordinate", name, self.coordinate(t, 0, i), false);
+            }
+            let mut all = motion.all.of(&self.inverse.control.given_at(t)).to_vec();
+            all[..measured.len()].copy_from_slice(measured);
+            for (name, value) in model.joint_coordinate_values(&all, &mut near) {
+                push(t, "measured_joint_coordinate", name, value, false);
+            }
+        }
+    }
+
+    /// The muscles' variables at a point.
+    fn push_muscles(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool), (t, z): (f64, &[f64]), complete: bool) {
+        let muscles = &self.inverse.muscles;
+        for (m, muscle) in self.model().muscles.iter().enumerate() {
+            push(t, "activation", &muscle.name, z[muscles.a.at(m)], false);
+            push(t, "fibre_length", &muscle.name, z[muscles.l.at(m)], false);
+            if complete {
+                let force = muscle.max_isometric_force * self.inverse.fibre_force(z, m);
+                push(t, "excitation", &muscle.name, z[muscles.u.at(m)], false);
+                push(t, "fibre_velocity", &muscle.name, z[muscles.l_rate.at(m)], false);
+                push(t, "force_n", &muscle.name, force, false);
+            }
+        }
+    }
+}
+
+/// Whether an inequality is a condition f_m ≥ 0, which is none of the thesis'.
+pub fn is_force(problem: &Collocation<'_>, row: usize) -> bool {
+    matches!(problem.limit(&problem.bounds[row]).bounded, Bounded::Function(_))
 }
 
 /// (max |v_{j+1} − 2 v_j + v_{j−1}|/4, share of inner points at which v turns)
@@ -353,11 +369,15 @@ fn ringing(velocities: &[f64]) -> (f64, f64) {
 }
 
 /// Whether moving along `direction` changes the force of any muscle at any collocation point by more than `threshold`.
-pub fn moves_load(problem: &Collocation<'_>, x: &[f64], direction: &[f64], threshold: f64) -> bool {
-    let instant = &problem.instant;
-    (0..problem.layout.points.len()).filter(|&j| problem.layout.points[j].complete).any(|j| {
-        let z = problem.local(j, x);
-        let dz = problem.local(j, direction);
-        (0..instant.model.muscles.len()).any(|m| instant.fibre_force_change(&z, &dz, m).abs() > threshold)
+pub fn moves_load(
+    inverse: &InverseProblem<'_>,
+    problem: &Collocation<'_>,
+    x: &[f64],
+    direction: &[f64],
+    threshold: f64,
+) -> bool {
+    (0..problem.points.len()).filter(|&j| problem.points[j].complete).any(|j| {
+        let (z, dz) = (problem.local(j, x), problem.local_change(j, direction));
+        inverse.contractions.iter().any(|contraction| contraction.fibre_force_change(&z, &dz).abs() > threshold)
     })
 }

@@ -4,6 +4,8 @@
 use std::collections::BTreeMap;
 
 use crate::deadline::Deadline;
+use crate::methods::InverseProblem;
+use crate::model::Model;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::{Kkt, KktValues, Rows};
 use crate::nlp::polish::active;
@@ -11,8 +13,9 @@ use crate::nlp::problem::{Curvature, Problem};
 use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::sparse::Sparse;
 use crate::outcome::SensitivityRow;
-use crate::transcription::collocation::{Collocation, Combination, evaluate};
-use crate::transcription::instant::{ACTIVATION, ACTIVATION_RATE, EXCITATION, LENGTH, VELOCITY};
+use crate::problem::{Kind, QuantityId};
+use crate::transcription::collocation::Collocation;
+use crate::transcription::scheme::{Combination, evaluate};
 
 /// A null direction of length 1 moves a mean activation if it changes it by more than this.
 const MOVES_ACTIVATION: f64 = 1e-6;
@@ -34,6 +37,7 @@ const MAX_RESIDUAL: f64 = 1e-6;
 ///
 /// [`Regularity`]: crate::nlp::regularity::Regularity
 pub fn activation_intervals(
+    inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     iterate: &Iterate,
     means: &[Combination],
@@ -49,7 +53,7 @@ pub fn activation_intervals(
             if !moves(mean) {
                 return Some((value, value));
             }
-            let programme = programme.get_or_insert_with(|| OptimalSet::new(problem, iterate, deadline));
+            let programme = programme.get_or_insert_with(|| OptimalSet::new(inverse, problem, iterate, deadline));
             let (low, high) = (programme.least(mean, 1.0)?, -programme.least(mean, -1.0)?);
             Some((value + low.min(0.0), value + high.max(0.0)))
         })
@@ -65,7 +69,7 @@ struct OptimalSet {
 }
 
 impl OptimalSet {
-    fn new(problem: &Collocation<'_>, iterate: &Iterate, deadline: Deadline) -> Self {
+    fn new(inverse: &InverseProblem<'_>, problem: &Collocation<'_>, iterate: &Iterate, deadline: Deadline) -> Self {
         let n = iterate.x.len();
         let largest = iterate.inequality_multipliers.iter().fold(0.0f64, |a, nu| a.max(*nu));
         let is_active = active(&iterate.inequalities);
@@ -96,12 +100,12 @@ impl OptimalSet {
         for (row, column, slot) in iterate.inequality_jacobian.entries().filter(|(row, ..)| !kept[*row]) {
             unequal.push((place[row], column, iterate.inequality_jacobian.values[slot]));
         }
-        for (j, point) in problem.layout.points.iter().enumerate() {
+        for (j, point) in problem.points.iter().enumerate() {
             let z = problem.local(j, &iterate.x);
-            for m in 0..problem.instant.model.muscles.len() {
-                let at = problem.instant.muscle(m) + ACTIVATION;
-                for (sign, room) in [(1.0, z[at].max(0.0)), (-1.0, (1.0 - z[at]).max(0.0))] {
-                    unequal.extend(point.map[at].iter().map(|&(column, weight)| (slack.len(), column, sign * weight)));
+            for a in inverse.muscles.a.range() {
+                for (sign, room) in [(1.0, z[a].max(0.0)), (-1.0, (1.0 - z[a]).max(0.0))] {
+                    let row = point.map.combinations[a].iter();
+                    unequal.extend(row.map(|&(column, weight)| (slack.len(), column, sign * weight)));
                     slack.push(room);
                 }
             }
@@ -129,52 +133,35 @@ impl OptimalSet {
     }
 }
 
+/// What a null direction may move.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Part {
+    /// A function of a quantity, by member and quantity.
+    Function(usize, QuantityId),
+    Motion,
+}
+
 /// Describes in words which quantities the null directions move, the largest share first. `None` if there are none.
-pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &[bool]) -> Option<String> {
-    let instant = &problem.instant;
-    let model = instant.model;
-    // By (muscle, kind of state): sum of squares, and sum of products of consecutive values.
-    let mut shares: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
-    let mut total = 0.0;
-    let times = &problem.layout.times;
-    let step = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
-    for direction in null_directions {
-        let mut before: BTreeMap<(usize, usize, bool), f64> = BTreeMap::new();
-        for j in 0..problem.layout.points.len() {
-            let z = problem.local(j, direction);
-            // A state that alternates may be zero at every point, so its rate times half a step counts too. Products of
-            // consecutive values and of consecutive rates are formed separately.
-            let mut note = |what: (usize, usize), is_rate: bool, value: f64| {
-                let share = shares.entry(what).or_default();
-                share.0 += value * value;
-                share.1 += value * before.insert((what.0, what.1, is_rate), value).unwrap_or(0.0);
-                total += value * value;
-            };
-            for m in 0..model.muscles.len() {
-                let at = instant.muscle(m);
-                for kind in [ACTIVATION, LENGTH, EXCITATION] {
-                    note((m, kind), false, z[at + kind]);
-                }
-                note((m, ACTIVATION), true, 0.5 * step * z[at + ACTIVATION_RATE]);
-                note((m, LENGTH), true, 0.5 * step * z[at + VELOCITY]);
-            }
-            // Joint reactions follow from the muscle forces and are not described.
-            let motion = z[..model.coordinates()].iter().map(|v| v * v).sum::<f64>().sqrt();
-            note((model.muscles.len(), 0), false, motion);
-        }
-    }
+pub fn describe(
+    inverse: &InverseProblem<'_>,
+    problem: &Collocation<'_>,
+    null_directions: &[Vec<f64>],
+    idle: &[bool],
+) -> Option<String> {
+    let shares = shares(inverse, problem, null_directions);
+    let total: f64 = shares.values().map(|(square, _)| square).sum();
     let mut parts: Vec<(f64, String)> = shares
         .into_iter()
         .filter(|(_, (square, _))| *square >= MIN_SHARE * total && total > 0.0)
-        .map(|((m, kind), (square, product))| {
+        .map(|(part, (square, product))| {
             let moves = if product < -0.3 * square { "alternates between points" } else { "free" };
-            let words = match model.muscles.get(m) {
-                None => format!("the motion {moves}"),
-                Some(muscle) => {
-                    let what = [(ACTIVATION, "activation"), (LENGTH, "fibre length"), (EXCITATION, "excitation")];
-                    let what = what.iter().find(|(k, _)| *k == kind).map_or("", |(_, name)| name);
-                    let idle = if idle[m] { " while idle" } else { "" };
-                    format!("{}: {what} {moves}{idle}", muscle.name)
+            let words = match part {
+                Part::Motion => format!("the motion {moves}"),
+                Part::Function(member, id) => {
+                    let quantity = inverse.control.quantity(id);
+                    let is_idle = idle.get(member).is_some_and(|idle| *idle) && quantity.members.len() == idle.len();
+                    let while_idle = if is_idle { " while idle" } else { "" };
+                    format!("{}: {} {moves}{while_idle}", quantity.members[member], quantity.name.replace('_', " "))
                 }
             };
             (square / total, words)
@@ -185,6 +172,44 @@ pub fn describe(problem: &Collocation<'_>, null_directions: &[Vec<f64>], idle: &
     let words: Vec<String> =
         parts.into_iter().map(|(share, words)| format!("{words} ({:.0} %)", 100.0 * share)).collect();
     (!words.is_empty()).then(|| words.join("; "))
+}
+
+/// Of each part its sum of squares in the null directions, and its sum of products of consecutive values.
+fn shares(
+    inverse: &InverseProblem<'_>,
+    problem: &Collocation<'_>,
+    null_directions: &[Vec<f64>],
+) -> BTreeMap<Part, (f64, f64)> {
+    let (control, motion) = (&inverse.control, &inverse.motion);
+    let mut shares: BTreeMap<Part, (f64, f64)> = BTreeMap::new();
+    let times = problem.scheme.points();
+    let step = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
+    // Joint reactions follow from the muscle forces and are not described; the motion is described as one.
+    let is_described = |id: QuantityId| {
+        let is_motion = id == motion.coordinate || Some(id) == motion.velocity;
+        !is_motion && !matches!(control.quantity(id).kind, Kind::Algebraic | Kind::Given)
+    };
+    for direction in null_directions {
+        let mut before: BTreeMap<(Part, usize), f64> = BTreeMap::new();
+        for j in 0..problem.points.len() {
+            let z = problem.local_change(j, direction);
+            // A state that alternates may be zero at every point, so its rate times half a step counts too. Products of
+            // consecutive values and of consecutive rates are formed separately.
+            let mut note = |part: Part, derivative: usize, value: f64| {
+                let share = shares.entry(part).or_default();
+                share.0 += value * value;
+                share.1 += value * before.insert((part, derivative), value).unwrap_or(0.0);
+            };
+            for read in control.reads.iter().filter(|read| is_described(read.quantity)) {
+                let unit = if read.derivative == 0 { 1.0 } else { 0.5 * step };
+                for (member, variable) in read.variables.range().enumerate() {
+                    note(Part::Function(member, read.quantity), read.derivative, unit * z[variable]);
+                }
+            }
+            note(Part::Motion, 0, motion.q.of(&z).iter().map(|v| v * v).sum::<f64>().sqrt());
+        }
+    }
+    shares
 }
 
 /// A parameter θ, with the derivatives of the optimality conditions with respect to it at fixed x, λ and ν.
@@ -199,9 +224,13 @@ pub struct Parameter {
     pub equalities: Vec<f64>,
 }
 
-/// The parameters: μ (if positive), and the tendon slack length of every muscle. `sharing`: the first load-sharing row
-/// (μ a) of J.
-pub fn parameters(problem: &Collocation<'_>, iterate: &Iterate, mu: f64, sharing: usize) -> Vec<Parameter> {
+/// The parameters: μ (if positive), and the tendon slack length of every muscle.
+pub fn parameters(
+    inverse: &InverseProblem<'_>,
+    problem: &Collocation<'_>,
+    iterate: &Iterate,
+    mu: f64,
+) -> Vec<Parameter> {
     let (n, me) = (iterate.x.len(), iterate.equalities.len());
     let mut parameters = Vec::new();
     if mu > 0.0 {
@@ -209,28 +238,26 @@ pub fn parameters(problem: &Collocation<'_>, iterate: &Iterate, mu: f64, sharing
         let jacobian = problem.residual_jacobian();
         let mut residual = vec![0.0; jacobian.rows];
         jacobian.add_product(1.0, &iterate.x, &mut residual);
-        residual[..sharing].fill(0.0);
+        residual[problem.goal_rows("tracking")].fill(0.0);
         let mut gradient = vec![0.0; n];
         jacobian.add_transpose_product(2.0 / mu, &residual, &mut gradient);
         parameters.push(Parameter { name: "mu".to_owned(), value: mu, gradient, equalities: vec![0.0; me] });
     }
-    let instant = &problem.instant;
-    let [_, contraction, _] = instant.row_starts();
-    let rows = problem.rows().equalities;
-    for (m, muscle) in instant.model.muscles.iter().enumerate() {
+    let rows = problem.equality_names();
+    for contraction in &inverse.contractions {
         let (mut gradient, mut equalities) = (vec![0.0; n], vec![0.0; me]);
         for (row, &(point, equation)) in rows.iter().enumerate() {
-            let Some(j) = point.filter(|_| equation == contraction + m) else { continue };
-            let z = problem.local(j, &iterate.x);
-            let (slope, mixed) = instant.slope_by_slack(problem.layout.times[j], &z, m);
+            let Some(j) = point.filter(|_| equation == contraction.row) else { continue };
+            let (slope, mixed) = contraction.slope_by_slack(&problem.local(j, &iterate.x));
             let lambda = iterate.equality_multipliers[row];
             equalities[row] = slope;
-            for (local, by) in mixed {
-                problem.layout.points[j].map[local].iter().for_each(|&(i, weight)| gradient[i] += weight * lambda * by);
+            for (variable, by) in mixed {
+                let terms = problem.points[j].map.combinations[variable].iter();
+                terms.for_each(|&(i, weight)| gradient[i] += weight * lambda * by);
             }
         }
-        let name = format!("muscle.{}.tendon_slack_length", muscle.name);
-        parameters.push(Parameter { name, value: muscle.tendon_slack_length, gradient, equalities });
+        let name = format!("muscle.{}.tendon_slack_length", contraction.muscle.name);
+        parameters.push(Parameter { name, value: contraction.muscle.tendon_slack_length, gradient, equalities });
     }
     parameters
 }
@@ -282,7 +309,7 @@ impl<'k> Linearised<'k> {
 /// `mean_force`: the change of the mean forces (N) along a direction of x; `means`: the mean forces, N.
 pub fn sensitivities(
     linearised: &mut Linearised<'_>,
-    problem: &Collocation<'_>,
+    model: &Model,
     parameters: &[Parameter],
     mean_force: impl Fn(&[f64]) -> Vec<f64>,
     means: &[f64],
@@ -292,7 +319,7 @@ pub fn sensitivities(
         let Some((step, _)) = linearised.follow(&parameter.gradient, &parameter.equalities) else { continue };
         for (m, slope) in mean_force(&step).into_iter().enumerate() {
             rows.push(SensitivityRow {
-                muscle: problem.instant.model.muscles[m].name.clone(),
+                muscle: model.muscles[m].name.clone(),
                 parameter: parameter.name.clone(),
                 parameter_value: parameter.value,
                 mean_force_slope: slope,

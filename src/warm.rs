@@ -3,21 +3,25 @@
 //! Functions of time are transferred exactly if the new space contains the old one. Multipliers and active bounds are
 //! taken from the nearest collocation point, multipliers in proportion to the quadrature weights.
 
-use std::cell::RefCell;
 use std::collections::HashMap;
+use std::sync::Arc;
 
+use crate::methods::InverseProblem;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::polish::active;
 use crate::nlp::sqp::Start;
-use crate::transcription::collocation::{Bound, Collocation, Rows, evaluate};
-use crate::transcription::instant::{EXCITATION, Form, Instant, LENGTH};
-use crate::transcription::scheme::{Discretisation, Trajectory};
+use crate::problem::{Equation, Limit, Quantity, QuantityId};
+use crate::transcription::collocation::{Bound, Collocation};
+use crate::transcription::scheme::{Discretisation, Trajectory, evaluate};
 
 /// A converged solution, with everything needed to start another problem from it.
 pub struct Answer {
-    scheme: Box<dyn Discretisation>,
-    form: Form,
-    rows: Rows,
+    scheme: Arc<dyn Discretisation>,
+    quantities: Vec<Quantity>,
+    equations: Vec<Equation>,
+    limits: Vec<Limit>,
+    equality_names: Vec<(Option<usize>, usize)>,
+    bounds: Vec<Bound>,
     x: Vec<f64>,
     equality_multipliers: Vec<f64>,
     inequality_multipliers: Vec<f64>,
@@ -25,11 +29,14 @@ pub struct Answer {
 }
 
 impl Answer {
-    pub fn new(problem: &Collocation<'_>, scheme: Box<dyn Discretisation>, iterate: &Iterate) -> Self {
+    pub fn new(problem: &Collocation<'_>, scheme: Arc<dyn Discretisation>, iterate: &Iterate) -> Self {
         Self {
             scheme,
-            form: problem.instant.form,
-            rows: problem.rows(),
+            quantities: problem.control.quantities.clone(),
+            equations: problem.control.equations.clone(),
+            limits: problem.control.limits.clone(),
+            equality_names: problem.equality_names(),
+            bounds: problem.bounds.clone(),
             x: iterate.x.clone(),
             equality_multipliers: iterate.equality_multipliers.clone(),
             inequality_multipliers: iterate.inequality_multipliers.clone(),
@@ -38,21 +45,25 @@ impl Answer {
     }
 
     /// The starting point for `problem`, which must have the same kind of model. Multipliers are transferred only
-    /// between problems of the same form.
-    pub fn start(&self, problem: &Collocation<'_>, scheme: &dyn Discretisation) -> Start {
-        let x = scheme.compose(&Transferred {
-            answer: self,
-            instant: Instant::new(problem.instant.model, self.form).within(problem.instant.surroundings().clone()),
-            stretch: self.stretch(scheme),
-            last: RefCell::new((f64::NAN, Vec::new())),
-        });
-        let multipliers = (self.form == problem.instant.form).then(|| self.multipliers(problem, scheme));
-        Start { x, multipliers }
+    /// between problems with the same equations.
+    pub fn start(&self, inverse: &InverseProblem<'_>, problem: &Collocation<'_>) -> Start {
+        let stretch = self.stretch(problem.scheme);
+        let x = problem.scheme.compose(&Transferred { answer: self, inverse, stretch });
+        let same = self.equations.iter().zip(&inverse.control.equations).all(|(a, b)| a.name == b.name);
+        let is_same = same && self.equations.len() == inverse.control.equations.len();
+        Start { x, multipliers: is_same.then(|| self.multipliers(problem)) }
+    }
+
+    /// The quantity of this answer that has the name of one of another problem.
+    fn quantity(&self, inverse: &InverseProblem<'_>, id: QuantityId) -> Option<QuantityId> {
+        let name = inverse.control.quantity(id).name;
+        self.quantities.iter().position(|quantity| quantity.name == name).map(QuantityId)
     }
 
     /// Activation of muscle `m` at time `t` (s).
     pub fn activation(&self, t: f64, m: usize) -> f64 {
-        evaluate(&self.scheme.activation_at(t, m), &self.x)
+        let activation = self.quantities.iter().position(|quantity| quantity.name == "activation");
+        activation.map_or(f64::NAN, |id| evaluate(&self.scheme.at(t, QuantityId(id), m, 0), &self.x))
     }
 
     /// Duration of this solution divided by that of the other.
@@ -63,36 +74,37 @@ impl Answer {
 
     /// Multipliers of equalities and of inequalities, and which inequalities are active. Rows without a counterpart get
     /// zero and inactive.
-    fn multipliers(&self, problem: &Collocation<'_>, scheme: &dyn Discretisation) -> (Vec<f64>, Vec<f64>, Vec<bool>) {
-        let rows = problem.rows();
-        let stretch = self.stretch(scheme);
-        let nearest: Vec<usize> = rows.times.iter().map(|&t| nearest(&self.rows.times, t * stretch)).collect();
-        let (old_weights, new_weights) = (self.scheme.quadrature(), scheme.quadrature());
-        let density = rows.times.len() as f64 / self.rows.times.len() as f64;
+    fn multipliers(&self, problem: &Collocation<'_>) -> (Vec<f64>, Vec<f64>, Vec<bool>) {
+        let (old_times, new_times) = (self.scheme.points(), problem.scheme.points());
+        let stretch = self.stretch(problem.scheme);
+        let nearest: Vec<usize> = new_times.iter().map(|&t| nearest(old_times, t * stretch)).collect();
+        let (old_weights, new_weights) = (self.scheme.quadrature(), problem.scheme.quadrature());
+        let density = new_times.len() as f64 / old_times.len() as f64;
         let factor = |new: usize, old: usize| match (new_weights[new], old_weights[old]) {
             (new, old) if new > 0.0 && old > 0.0 => density * stretch * new / old,
             _ => 1.0,
         };
         let old_equality: HashMap<(Option<usize>, usize), usize> =
-            self.rows.equalities.iter().enumerate().map(|(row, &what)| (what, row)).collect();
+            self.equality_names.iter().enumerate().map(|(row, &what)| (what, row)).collect();
         let equality = |&(point, equation): &(Option<usize>, usize)| {
             let old_point = point.map(|j| nearest[j]);
             let scale = point.map_or(1.0, |j| factor(j, nearest[j]));
             old_equality.get(&(old_point, equation)).map_or(0.0, |&row| scale * self.equality_multipliers[row])
         };
-        let key = |bound: &Bound, point: usize| (bound.kind, bound.muscle, point);
+        let key = |limit: &Limit, point: usize| (limit.name, limit.member.clone(), point);
+        let old_bounds = self.bounds.iter().enumerate();
         let old_inequality: HashMap<_, usize> =
-            self.rows.inequalities.iter().enumerate().map(|(row, bound)| (key(bound, bound.point), row)).collect();
-        let inequalities: Vec<(f64, bool)> = (rows.inequalities.iter())
+            old_bounds.map(|(row, bound)| (key(&self.limits[bound.limit], bound.point), row)).collect();
+        let inequalities: Vec<(f64, bool)> = (problem.bounds.iter())
             .map(|bound| {
                 let old = nearest[bound.point];
-                old_inequality.get(&key(bound, old)).map_or((0.0, false), |&row| {
+                old_inequality.get(&key(problem.limit(bound), old)).map_or((0.0, false), |&row| {
                     (factor(bound.point, old) * self.inequality_multipliers[row], self.active[row])
                 })
             })
             .collect();
         let (nu, active) = inequalities.into_iter().unzip();
-        (rows.equalities.iter().map(equality).collect(), nu, active)
+        (problem.equality_names().iter().map(equality).collect(), nu, active)
     }
 }
 
@@ -102,46 +114,35 @@ fn nearest(times: &[f64], t: f64) -> usize {
     if after > 0 && t - times[after - 1] < times[after] - t { after - 1 } else { after }
 }
 
-/// The functions of time of a solution, stretched to the duration of the new problem.
+/// The functions of time of a solution, stretched to the duration of the new problem. Quantities that the solution does not
+/// have are zero.
 struct Transferred<'a> {
     answer: &'a Answer,
+    inverse: &'a InverseProblem<'a>,
     /// See [`Answer::stretch`].
     stretch: f64,
-    instant: Instant<'a>,
-    /// The latest time requested, and the local variables there.
-    last: RefCell<(f64, Vec<f64>)>,
-}
-
-impl Transferred<'_> {
-    fn local(&self, t: f64, index: usize) -> f64 {
-        let mut last = self.last.borrow_mut();
-        if last.0 != t {
-            let map = self.answer.scheme.local_at(&self.instant, t * self.stretch);
-            *last = (t, map.iter().map(|combination| evaluate(combination, &self.answer.x)).collect());
-        }
-        last.1[index]
-    }
 }
 
 impl Trajectory for Transferred<'_> {
-    fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64 {
-        let value = evaluate(&self.answer.scheme.coordinate_at(t * self.stretch, derivative, i), &self.answer.x);
-        value * self.stretch.powi(derivative as i32)
-    }
-
-    fn length(&self, t: f64, m: usize) -> f64 {
-        self.local(t, self.instant.muscle(m) + LENGTH)
-    }
-
-    fn activation(&self, t: f64, m: usize) -> f64 {
-        self.answer.activation(t * self.stretch, m)
-    }
-
-    fn excitation(&self, t: f64, m: usize) -> f64 {
-        self.local(t, self.instant.muscle(m) + EXCITATION)
-    }
-
-    fn reaction(&self, t: f64, c: usize) -> f64 {
-        self.local(t, self.instant.reaction(c))
+    fn value(&self, t: f64, quantity: QuantityId, member: usize, derivative: usize) -> f64 {
+        let (answer, motion) = (self.answer, &self.inverse.motion);
+        let scale = self.stretch.powi(derivative as i32);
+        // Derivatives of coordinates are best taken from the velocities, and velocities may have to be taken from coordinates.
+        let coordinate = answer.quantity(self.inverse, motion.coordinate);
+        let velocity = answer.quantities.iter().position(|quantity| quantity.name == "velocity").map(QuantityId);
+        let (from, level, scale) = if Some(quantity) == motion.velocity {
+            match velocity {
+                Some(velocity) => (Some(velocity), derivative, scale * self.stretch),
+                None => (coordinate, derivative + 1, scale * self.stretch),
+            }
+        } else if quantity == motion.coordinate && derivative > 0 && velocity.is_some() {
+            (velocity, derivative - 1, scale)
+        } else if self.inverse.control.quantity(quantity).name == "stabiliser" {
+            // Zero but for the discretisation's error.
+            (None, 0, 1.0)
+        } else {
+            (answer.quantity(self.inverse, quantity), derivative, scale)
+        };
+        from.map_or(0.0, |from| scale * evaluate(&answer.scheme.at(t * self.stretch, from, member, level), &answer.x))
     }
 }

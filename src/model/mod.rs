@@ -28,6 +28,9 @@ use spatial::Spatial;
 /// The name under which a study adds an abduction to a motion: `motion.abduction_offset_deg`.
 pub const ABDUCTION: &str = "abduction";
 
+/// Names of the coordinates of a body in space: position and Euler parameters.
+const SPATIAL_AXES: [&str; 7] = ["x", "y", "z", "e0", "e1", "e2", "e3"];
+
 /// A checked model.
 #[derive(Clone, Debug)]
 pub struct Model {
@@ -174,6 +177,28 @@ impl Model {
         }
     }
 
+    /// Name of each constraint: that of its reaction, if it has one.
+    pub fn constraint_names(&self) -> Vec<String> {
+        self.reaction_names().into_iter().map(|name| name.unwrap_or_else(|| "normal".to_owned())).collect()
+    }
+
+    /// Names of the coordinates of bodies whose motion is given.
+    pub fn given_coordinate_names(&self) -> Vec<String> {
+        self.spatial().map_or_else(Vec::new, |spatial| {
+            let bodies = spatial.given.iter().map(|&body| spatial.skeleton.bodies[body].name.as_str());
+            bodies.flat_map(|name| SPATIAL_AXES.map(|axis| format!("{name}.{axis}"))).collect()
+        })
+    }
+
+    /// Names of the components of the external forces: three each; of a planar one the third is its moment.
+    pub fn load_names(&self) -> Vec<String> {
+        let forces: Vec<&str> = match &self.mechanics {
+            Mechanics::Planar(planar) => planar.forces.iter().map(|force| force.name.as_str()).collect(),
+            Mechanics::Spatial(spatial) => spatial.skeleton.forces.iter().map(|force| force.name.as_str()).collect(),
+        };
+        forces.iter().flat_map(|name| (0..3).map(move |k| format!("{name}.{k}"))).collect()
+    }
+
     /// External forces that the motion file must have over time.
     pub fn measured_forces(&self) -> Vec<&str> {
         let Mechanics::Spatial(spatial) = &self.mechanics else { return Vec::new() };
@@ -208,9 +233,9 @@ impl Model {
             Mechanics::Planar(planar) => {
                 planar.bodies.iter().flat_map(|body| each(&body.name, &["x", "y", "angle"])).collect()
             }
-            Mechanics::Spatial(spatial) => (spatial.bodies.iter())
-                .flat_map(|body| each(&body.name, &["x", "y", "z", "e0", "e1", "e2", "e3"]))
-                .collect(),
+            Mechanics::Spatial(spatial) => {
+                spatial.bodies.iter().flat_map(|body| each(&body.name, &SPATIAL_AXES)).collect()
+            }
         }
     }
 }

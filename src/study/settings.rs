@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::nearest;
 use crate::plausibility::Limits;
-use crate::transcription::collocation::BoundKind;
 
 /// A value of a study file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -184,6 +183,34 @@ choices! {
         Optimum = "optimum",
         /// never; no verdicts on uniqueness and no sensitivities
         Off = "off",
+    }
+}
+
+/// An inequality on each muscle; all are `≥ 0`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BoundKind {
+    /// a ≥ 0
+    Activation,
+    /// u ≥ 0
+    Excitation,
+    /// 1 − a ≥ 0
+    ActivationUpper,
+    /// 1 − u ≥ 0
+    ExcitationUpper,
+    /// f_m ≥ 0: where a ≥ 0 is not imposed, so that no tendon pushes (eq. 11).
+    Force,
+}
+
+impl BoundKind {
+    /// As in the signal `bound_active`.
+    pub fn name(self) -> &'static str {
+        match self {
+            BoundKind::Activation => "activation",
+            BoundKind::Excitation => "excitation",
+            BoundKind::ActivationUpper => "activation_upper",
+            BoundKind::ExcitationUpper => "excitation_upper",
+            BoundKind::Force => "force",
+        }
     }
 }
 

@@ -1,100 +1,59 @@
-//! The assembled problem: instants at collocation points, tied to one decision vector by linear maps.
+//! The assembled problem: instants at collocation points, tied to one decision vector by affine maps.
 //!
-//! Each scheme says how the local variables z of each point depend on the decision vector x: `z_j = B_j x`, with B_j sparse
-//! and constant ([`Layout`]). Everything else follows:
+//! Each scheme says how the variables z of each point depend on the decision vector x: `z_j = B_j x + b_j`, with B_j sparse
+//! and constant and b_j the given functions of time ([`LocalMap`]). Everything else follows:
 //!
 //! ```text
 //! ∂c/∂x = [ linear rows ; G_1 B_1 ; … ; G_p B_p ]           G_j = ∂(equations)/∂z at point j
-//! ∇²L   = JᵀJ + Σ_j B_jᵀ W_j B_j                             W_j = Hessian of λ_jᵀ equations − ν_jᵀ f_m
+//! ∇²L   = ∇²f + Σ_j B_jᵀ W_j B_j                             W_j = Hessian of λ_jᵀ equations − ν_jᵀ functions of limits
 //! ```
 //!
 //! Patterns and the place of each product in them are worked out once.
 
-use super::instant::{ACTIVATION, EXCITATION, Instant, InstantMultipliers, LENGTH, VELOCITY};
+use std::ops::Range;
+
+use super::scheme::{Combination, Discretisation, LocalMap, evaluate};
 use crate::nlp::problem::{Curvature, Multipliers, Problem};
 use crate::numerics::larger;
 use crate::numerics::sparse::{Pattern, Sparse};
-
-/// Σ weight · x[index]
-pub type Combination = Vec<(usize, f64)>;
-
-pub fn evaluate(combination: &Combination, x: &[f64]) -> f64 {
-    combination.iter().map(|&(index, weight)| weight * x[index]).sum()
-}
-
-/// What a scheme provides.
-#[derive(Clone, Debug)]
-pub struct Layout {
-    /// Collocation points, s.
-    pub times: Vec<f64>,
-    pub variables: usize,
-    pub points: Vec<Point>,
-    /// Linear equalities `Σ weight · x = 0`.
-    pub linear: Vec<Combination>,
-}
+use crate::problem::{Bounded, ControlProblem, Goal, Limit};
 
 /// One collocation point.
 #[derive(Clone, Debug)]
 pub struct Point {
-    /// Each local variable as a combination of x.
-    pub map: Vec<Combination>,
-    /// Which equations of [`Instant`] hold here.
+    pub map: LocalMap,
+    /// Which equations hold here.
     pub rows: Vec<usize>,
-    /// Whether every local variable has a value here, or only q, v, a and l.
+    /// Whether every variable has a value here, or only values of states.
     pub complete: bool,
 }
 
-/// One inequality at one point; all are `≥ 0`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum BoundKind {
-    /// a ≥ 0
-    Activation,
-    /// u ≥ 0
-    Excitation,
-    /// 1 − a ≥ 0
-    ActivationUpper,
-    /// 1 − u ≥ 0
-    ExcitationUpper,
-    /// f_m ≥ 0: where a ≥ 0 is not imposed, so that no tendon pushes (eq. 11).
-    Force,
-}
-
-/// Which inequality a row is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Which inequality a row is: a limit of the problem at a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bound {
-    pub kind: BoundKind,
-    pub muscle: usize,
+    pub limit: usize,
     pub point: usize,
-}
-
-/// The rows of a transcribed problem by what they are, so that multipliers find their way to another mesh.
-#[derive(Clone, Debug)]
-pub struct Rows {
-    /// Collocation points, s.
-    pub times: Vec<f64>,
-    /// (collocation point, equation of [`Instant`]), or (none, number of the linear row).
-    pub equalities: Vec<(Option<usize>, usize)>,
-    pub inequalities: Vec<Bound>,
 }
 
 /// (local entry, slot in the sparse values, factor)
 type Scatter = Vec<(u32, u32, f64)>;
 
 /// A transcribed problem. See the module.
-#[derive(Clone, Debug)]
-pub struct Collocation<'m> {
-    pub instant: Instant<'m>,
-    pub layout: Layout,
+pub struct Collocation<'p> {
+    pub control: &'p ControlProblem<'p>,
+    pub scheme: &'p dyn Discretisation,
+    pub points: Vec<Point>,
     pub bounds: Vec<Bound>,
-    /// The maps of all points one after the other: a column each local variable.
+    /// The rows of J that belong to each goal.
+    pub goals: Vec<(&'static str, Range<usize>)>,
+    /// Linear equalities `Σ weight · x = 0`, before those of the points.
+    pub linear: Vec<Combination>,
+    /// The maps of all points one after the other: a column each variable.
     maps: Sparse,
     /// First equality and first inequality of each point, and the numbers of both.
     row_starts: Vec<usize>,
     bound_starts: Vec<usize>,
-    /// The stage of each variable, equality and inequality: 0 for initial values, then the points.
-    stages: Vec<usize>,
-    equality_stages: Vec<usize>,
-    inequality_stages: Vec<usize>,
+    stages: Stages,
     residual_jacobian: Sparse,
     residual_data: Vec<f64>,
     equality_pattern: Sparse,
@@ -102,247 +61,321 @@ pub struct Collocation<'m> {
     hessian_pattern: Sparse,
     gram: Vec<f64>,
     jacobian_scatter: Vec<Scatter>,
+    /// Of the functions of limits.
+    function_scatter: Vec<Scatter>,
     hessian_scatter: Vec<Scatter>,
-    /// Of each local variable with itself: (local variable, slot, factor).
+    /// Of each variable with itself: (variable, slot, factor).
     metric_scatter: Vec<Scatter>,
-    /// Slots of the force rows: point by point, muscle by muscle, (entry 0–2, slot, factor).
-    force_scatter: Vec<Scatter>,
-    /// Weight of a step in activation beside one in q, see [`Problem::metric`].
-    activation_weight: f64,
-    /// Factor of each variable's unit: X = unit · x. The weight W for reactions, else 1.
+    /// Factor of each unknown's unit: X = unit · x.
     pub units: Vec<f64>,
 }
 
-impl<'m> Collocation<'m> {
-    /// `residual_rows`, `residual_data`: J and b of the objective. `kinds`: the inequalities imposed at every point.
-    pub fn new(
-        instant: Instant<'m>,
-        layout: Layout,
-        residual_rows: &[Combination],
-        residual_data: Vec<f64>,
-        kinds: &[BoundKind],
-        activation_weight: f64,
-    ) -> Self {
-        let n = layout.variables;
-        let triplets: Vec<(usize, usize, f64)> = residual_rows
-            .iter()
-            .enumerate()
-            .flat_map(|(row, combination)| combination.iter().map(move |&(column, weight)| (row, column, weight)))
-            .collect();
-        let residual_jacobian = Sparse::from_triplets(residual_rows.len(), n, &triplets);
+/// The stage of each unknown, equality and inequality: 0 for initial values, then the points.
+struct Stages {
+    variables: Vec<usize>,
+    equalities: Vec<usize>,
+    inequalities: Vec<usize>,
+}
 
-        let nz = instant.variables();
-        let combinations = layout.points.iter().flat_map(|point| &point.map).enumerate();
-        let triplets: Vec<(usize, usize, f64)> =
-            combinations.flat_map(|(k, terms)| terms.iter().map(move |&(index, weight)| (index, k, weight))).collect();
-        let maps = Sparse::from_triplets(n, nz * layout.points.len(), &triplets);
-        let mut row_starts = vec![layout.linear.len()];
-        for point in &layout.points {
-            row_starts.push(row_starts[row_starts.len() - 1] + point.rows.len());
-        }
-        // Entries of a point's Jacobian: (row of the whole, local row, local variable).
-        let local_jacobian = instant.jacobian_pattern();
-        let entries = |j: usize| {
-            let (start, point) = (row_starts[j], &layout.points[j]);
-            let place = |row: usize| point.rows.iter().position(|&r| r == row).map(|k| start + k);
-            let places: Vec<Option<usize>> = (0..instant.equations()).map(place).collect();
-            local_jacobian.iter().filter_map(move |&(row, local)| Some((places[row]?, row, local)))
+impl<'p> Collocation<'p> {
+    pub fn new(control: &'p ControlProblem<'p>, scheme: &'p dyn Discretisation, goals: &[Goal]) -> Self {
+        let (points, linear) = (points(control, scheme), scheme.linear());
+        let n = scheme.coefficients().total();
+        let (residual_jacobian, residual_data, goals) = objective(scheme, goals);
+        let starts = |first: usize, counts: &dyn Fn(&Point) -> usize| {
+            let mut starts = vec![first];
+            points.iter().for_each(|point| starts.push(starts[starts.len() - 1] + counts(point)));
+            starts
         };
-        let mut equalities = Pattern::new(row_starts[layout.points.len()], n);
-        for (row, combination) in layout.linear.iter().enumerate() {
-            combination.iter().for_each(|&(column, _)| equalities.add(row, column));
-        }
-        for (j, point) in layout.points.iter().enumerate() {
-            for (row, _, local) in entries(j) {
-                point.map[local].iter().for_each(|&(column, _)| equalities.add(row, column));
+        let row_starts = starts(linear.len(), &|point| point.rows.len());
+        let holds = |point: &Point, limit: &Limit| match limit.bounded {
+            Bounded::Below(variable) | Bounded::Above(variable) => {
+                point.complete || control.is_known_at_start(variable)
             }
-        }
-        let mut equality_pattern = equalities.build();
-        for (row, combination) in layout.linear.iter().enumerate() {
-            for &(column, weight) in combination {
-                equality_pattern.values[equalities.slot(row, column)] += weight;
-            }
-        }
-        let jacobian_scatter = layout
-            .points
-            .iter()
-            .enumerate()
-            .map(|(j, point)| {
-                let entry = |(place, row, local): (usize, usize, usize)| {
-                    let equalities = &equalities;
-                    point.map[local].iter().map(move |&(column, weight)| {
-                        ((row * nz + local) as u32, equalities.slot(place, column) as u32, weight)
-                    })
-                };
-                entries(j).flat_map(entry).collect()
-            })
-            .collect();
-
+            Bounded::Function(_) => point.complete,
+        };
+        let held = |point: &Point| control.limits.iter().filter(|limit| holds(point, limit)).count();
+        let bound_starts = starts(0, &held);
         let mut bounds = Vec::new();
-        let mut bound_starts = vec![0];
-        for (point, Point { complete, .. }) in layout.points.iter().enumerate() {
-            for &kind in kinds {
-                if *complete || matches!(kind, BoundKind::Activation | BoundKind::ActivationUpper) {
-                    bounds.extend((0..instant.model.muscles.len()).map(|muscle| Bound { kind, muscle, point }));
-                }
-            }
-            bound_starts.push(bounds.len());
+        for (j, point) in points.iter().enumerate() {
+            let all = control.limits.iter().enumerate().filter(|(_, limit)| holds(point, limit));
+            bounds.extend(all.map(|(limit, _)| Bound { limit, point: j }));
         }
-        let mut inequalities = Pattern::new(bounds.len(), n);
-        let locals = |bound: &Bound| {
-            let at = instant.muscle(bound.muscle);
-            match bound.kind {
-                BoundKind::Activation | BoundKind::ActivationUpper => vec![at + ACTIVATION],
-                BoundKind::Excitation | BoundKind::ExcitationUpper => vec![at + EXCITATION],
-                BoundKind::Force => vec![at + ACTIVATION, at + LENGTH, at + VELOCITY],
-            }
-        };
-        for (row, bound) in bounds.iter().enumerate() {
-            for local in locals(bound) {
-                layout.points[bound.point].map[local].iter().for_each(|&(column, _)| inequalities.add(row, column));
-            }
-        }
-        let mut inequality_pattern = inequalities.build();
-        let mut force_scatter = vec![Scatter::new(); layout.points.len()];
-        for (row, bound) in bounds.iter().enumerate() {
-            let sign = match bound.kind {
-                BoundKind::Activation | BoundKind::Excitation => 1.0,
-                BoundKind::ActivationUpper | BoundKind::ExcitationUpper => -1.0,
-                BoundKind::Force => {
-                    for (k, local) in locals(bound).into_iter().enumerate() {
-                        for &(column, weight) in &layout.points[bound.point].map[local] {
-                            let slot = inequalities.slot(row, column) as u32;
-                            force_scatter[bound.point].push(((3 * bound.muscle + k) as u32, slot, weight));
-                        }
-                    }
-                    continue;
-                }
-            };
-            for &(column, weight) in &layout.points[bound.point].map[locals(bound)[0]] {
-                inequality_pattern.values[inequalities.slot(row, column)] += sign * weight;
-            }
-        }
-
-        let gram_matrix = residual_jacobian.gram();
-        let local_hessian = instant.hessian_pattern();
-        let mut hessian = Pattern::new(n, n);
-        gram_matrix.entries().for_each(|(row, column, _)| hessian.add(row, column));
-        (0..n).for_each(|i| hessian.add(i, i));
-        for Point { map, .. } in &layout.points {
-            for &(i, j) in &local_hessian {
-                for &(row, _) in &map[i] {
-                    map[j].iter().filter(|&&(column, _)| row <= column).for_each(|&(c, _)| hessian.add(row, c));
-                }
-            }
-        }
-        let hessian_pattern = hessian.build();
-        let mut gram = vec![0.0; hessian_pattern.values.len()];
-        for (row, column, slot) in gram_matrix.entries() {
-            gram[hessian.slot(row, column)] = gram_matrix.values[slot];
-        }
-        let hessian_scatter: Vec<Scatter> = layout
-            .points
-            .iter()
-            .map(|Point { map, .. }| {
-                let mut scatter = Scatter::new();
-                for &(i, j) in &local_hessian {
-                    for &(row, weight) in &map[i] {
-                        for &(column, other) in map[j].iter().filter(|&&(column, _)| row <= column) {
-                            let slot = hessian.slot(row, column) as u32;
-                            scatter.push(((i * nz + j) as u32, slot, weight * other));
-                        }
-                    }
-                }
-                scatter
-            })
-            .collect();
-
-        let with_itself = |&(entry, slot, weight): &(u32, u32, f64)| {
-            let (i, j) = (entry / nz as u32, entry % nz as u32);
-            (i == j).then_some((i, slot, weight))
-        };
-        let metric_scatter =
-            hessian_scatter.iter().map(|scatter| scatter.iter().filter_map(with_itself).collect()).collect();
-
-        // Each variable belongs to the first point that has it, where the equations say what it is.
-        let mut stages = vec![0; n];
-        for (k, point) in layout.points.iter().enumerate().rev() {
-            point.map.iter().flatten().for_each(|&(i, _)| stages[i] = 1 + k);
-        }
-        let first = |row: &Combination| row.iter().map(|&(i, _)| stages[i]).min().unwrap_or(0);
-        let mut equality_stages: Vec<usize> = layout.linear.iter().map(first).collect();
-        for (k, point) in layout.points.iter().enumerate() {
-            equality_stages.extend(std::iter::repeat_n(1 + k, point.rows.len()));
-        }
-        let inequality_stages = bounds.iter().map(|bound| 1 + bound.point).collect();
-
-        let mut units = vec![1.0; n];
-        let weight = instant.model.weight();
-        for Point { map, .. } in &layout.points {
-            for c in 0..instant.model.constraints() {
-                map[instant.reaction(c)].iter().for_each(|&(index, _)| units[index] = weight);
-            }
-        }
+        let equalities = equalities(control, &points, &linear, &row_starts, n);
+        let inequalities = inequalities(control, &points, &bounds, n);
+        let hessian = hessian(control, &points, &residual_jacobian);
+        let maps = points.iter().flat_map(|point| &point.map.combinations).enumerate();
+        let triplets: Vec<(usize, usize, f64)> =
+            maps.flat_map(|(k, terms)| terms.iter().map(move |&(index, weight)| (index, k, weight))).collect();
         Self {
-            instant,
-            layout,
+            maps: Sparse::from_triplets(n, control.variables() * points.len(), &triplets),
+            stages: stages(&points, &linear, &bounds, n),
+            units: units(control, &points, n),
+            control,
+            scheme,
+            points,
             bounds,
-            maps,
+            goals,
+            linear,
             row_starts,
             bound_starts,
-            stages,
-            equality_stages,
-            inequality_stages,
             residual_jacobian,
             residual_data,
-            equality_pattern,
-            inequality_pattern,
-            hessian_pattern,
-            gram,
-            jacobian_scatter,
-            hessian_scatter,
-            metric_scatter,
-            force_scatter,
-            activation_weight,
-            units,
+            equality_pattern: equalities.0,
+            jacobian_scatter: equalities.1,
+            inequality_pattern: inequalities.0,
+            function_scatter: inequalities.1,
+            hessian_pattern: hessian.pattern,
+            gram: hessian.gram,
+            hessian_scatter: hessian.scatter,
+            metric_scatter: hessian.metric,
         }
     }
 
-    /// What each equality and inequality is: see [`Rows`].
-    pub fn rows(&self) -> Rows {
-        let linear = (0..self.layout.linear.len()).map(|row| (None, row));
-        let points = self.layout.points.iter().enumerate();
-        let equations = points.flat_map(|(j, point)| point.rows.iter().map(move |&row| (Some(j), row)));
-        Rows {
-            times: self.layout.times.clone(),
-            equalities: linear.chain(equations).collect(),
-            inequalities: self.bounds.clone(),
-        }
+    /// What each equality is: (point, equation), or (none, number of the linear row).
+    pub fn equality_names(&self) -> Vec<(Option<usize>, usize)> {
+        let linear = (0..self.linear.len()).map(|row| (None, row));
+        let points = self.points.iter().enumerate();
+        linear.chain(points.flat_map(|(j, point)| point.rows.iter().map(move |&row| (Some(j), row)))).collect()
     }
 
-    /// Local variables z of a point.
+    /// The limit that an inequality imposes.
+    pub fn limit(&self, bound: &Bound) -> &Limit {
+        &self.control.limits[bound.limit]
+    }
+
+    /// The rows of J that belong to a goal.
+    pub fn goal_rows(&self, name: &str) -> Range<usize> {
+        self.goals.iter().find(|(goal, _)| *goal == name).map_or(0..0, |(_, rows)| rows.clone())
+    }
+
+    /// Variables z of a point.
     pub fn local(&self, point: usize, x: &[f64]) -> Vec<f64> {
-        let nz = self.instant.variables();
-        let value = |k| self.maps.column(k).map(|(index, weight)| weight * x[index]).sum();
+        let mut z = self.local_change(point, x);
+        z.iter_mut().zip(&self.points[point].map.constants).for_each(|(z, b)| *z += b);
+        z
+    }
+
+    /// How the variables z of a point change along a direction of x.
+    pub fn local_change(&self, point: usize, direction: &[f64]) -> Vec<f64> {
+        let nz = self.control.variables();
+        let value = |k| self.maps.column(k).map(|(index, weight)| weight * direction[index]).sum();
         (point * nz..(point + 1) * nz).map(value).collect()
     }
 
-    /// The bound's slack at x.
-    fn slack(&self, bound: &Bound, z: &[f64]) -> f64 {
-        let at = self.instant.muscle(bound.muscle);
-        match bound.kind {
-            BoundKind::Activation => z[at + ACTIVATION],
-            BoundKind::Excitation => z[at + EXCITATION],
-            BoundKind::ActivationUpper => 1.0 - z[at + ACTIVATION],
-            BoundKind::ExcitationUpper => 1.0 - z[at + EXCITATION],
-            BoundKind::Force => self.instant.fibre_force(z, bound.muscle),
+    /// The bound's slack; `rows`: values of all rows at the variables z.
+    fn slack(&self, bound: &Bound, z: &[f64], rows: &[f64]) -> f64 {
+        let limit = self.limit(bound);
+        match limit.bounded {
+            Bounded::Below(variable) => z[variable] - limit.bound,
+            Bounded::Above(variable) => limit.bound - z[variable],
+            Bounded::Function(row) => rows[row] - limit.bound,
         }
+    }
+
+    fn bounds_of(&self, point: usize) -> Range<usize> {
+        self.bound_starts[point]..self.bound_starts[point + 1]
+    }
+}
+
+/// The collocation points: at each all equations, or those among values of states only.
+fn points(control: &ControlProblem<'_>, scheme: &dyn Discretisation) -> Vec<Point> {
+    let (all, constraints): (Vec<usize>, _) = ((0..control.equation_rows()).collect(), control.state_constraints());
+    let point = |j: usize| {
+        let complete = scheme.is_complete(j);
+        let rows = if complete { all.clone() } else { constraints.clone() };
+        Point { map: LocalMap::new(control, scheme, scheme.point(j)), rows, complete }
+    };
+    (0..scheme.points().len()).map(point).collect()
+}
+
+/// J and b, and the rows of each goal.
+fn objective(scheme: &dyn Discretisation, goals: &[Goal]) -> (Sparse, Vec<f64>, Vec<(&'static str, Range<usize>)>) {
+    let (mut triplets, mut data, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
+    for goal in goals {
+        let start = data.len();
+        for sample in &goal.samples {
+            let terms = scheme.at(sample.time, sample.quantity, sample.member, 0);
+            triplets.extend(terms.into_iter().map(|(i, weight)| (data.len(), i, sample.weight * weight)));
+            data.push(sample.weight * sample.target);
+        }
+        ranges.push((goal.name, start..data.len()));
+    }
+    (Sparse::from_triplets(data.len(), scheme.coefficients().total(), &triplets), data, ranges)
+}
+
+/// ∂c/∂x with the linear rows filled in, and where the slopes of each point go.
+fn equalities(
+    control: &ControlProblem<'_>,
+    points: &[Point],
+    linear: &[Combination],
+    row_starts: &[usize],
+    n: usize,
+) -> (Sparse, Vec<Scatter>) {
+    // Entries of a point's Jacobian: (row of the whole, local entry, variable).
+    let entries = |j: usize| {
+        let mut places = vec![None; control.rows()];
+        points[j].rows.iter().enumerate().for_each(|(k, &row)| places[row] = Some(row_starts[j] + k));
+        let all = control.slope_pattern().iter().enumerate();
+        all.filter_map(move |(entry, &(row, variable))| Some((places[row]?, entry, variable)))
+    };
+    let mut pattern = Pattern::new(row_starts[points.len()], n);
+    for (row, combination) in linear.iter().enumerate() {
+        combination.iter().for_each(|&(column, _)| pattern.add(row, column));
+    }
+    for (j, point) in points.iter().enumerate() {
+        for (row, _, variable) in entries(j) {
+            point.map.combinations[variable].iter().for_each(|&(column, _)| pattern.add(row, column));
+        }
+    }
+    let mut matrix = pattern.build();
+    for (row, combination) in linear.iter().enumerate() {
+        combination.iter().for_each(|&(column, weight)| matrix.values[pattern.slot(row, column)] += weight);
+    }
+    let scatter = |j: usize| {
+        let mut scatter = Scatter::new();
+        for (row, entry, variable) in entries(j) {
+            for &(column, weight) in &points[j].map.combinations[variable] {
+                scatter.push((entry as u32, pattern.slot(row, column) as u32, weight));
+            }
+        }
+        scatter
+    };
+    let scatters = (0..points.len()).map(scatter).collect();
+    (matrix, scatters)
+}
+
+/// ∂d/∂x with the bounds on variables filled in, and where the slopes of functions go at each point.
+fn inequalities(control: &ControlProblem<'_>, points: &[Point], bounds: &[Bound], n: usize) -> (Sparse, Vec<Scatter>) {
+    // (local entry, variable) of a function.
+    let slopes = |row: usize| {
+        let entries = control.slope_pattern();
+        let start = entries.partition_point(|entry| entry.0 < row);
+        (start..entries.len()).take_while(move |&k| entries[k].0 == row).map(move |k| (k, entries[k].1))
+    };
+    let mut pattern = Pattern::new(bounds.len(), n);
+    for (row, bound) in bounds.iter().enumerate() {
+        let mut add = |variable: usize| {
+            points[bound.point].map.combinations[variable].iter().for_each(|&(column, _)| pattern.add(row, column));
+        };
+        match control.limits[bound.limit].bounded {
+            Bounded::Below(variable) | Bounded::Above(variable) => add(variable),
+            Bounded::Function(function) => slopes(function).for_each(|(_, variable)| add(variable)),
+        }
+    }
+    let mut matrix = pattern.build();
+    let mut scatters = vec![Scatter::new(); points.len()];
+    for (row, bound) in bounds.iter().enumerate() {
+        let map = &points[bound.point].map.combinations;
+        let (sign, variable) = match control.limits[bound.limit].bounded {
+            Bounded::Below(variable) => (1.0, variable),
+            Bounded::Above(variable) => (-1.0, variable),
+            Bounded::Function(function) => {
+                for (entry, variable) in slopes(function) {
+                    let terms = map[variable].iter();
+                    scatters[bound.point]
+                        .extend(terms.map(|&(c, weight)| (entry as u32, pattern.slot(row, c) as u32, weight)));
+                }
+                continue;
+            }
+        };
+        for &(column, weight) in &map[variable] {
+            matrix.values[pattern.slot(row, column)] += sign * weight;
+        }
+    }
+    (matrix, scatters)
+}
+
+struct Hessian {
+    pattern: Sparse,
+    /// JᵀJ in that pattern.
+    gram: Vec<f64>,
+    /// Where the bends of each point go.
+    scatter: Vec<Scatter>,
+    /// The same of each variable with itself, by variable.
+    metric: Vec<Scatter>,
+}
+
+fn hessian(control: &ControlProblem<'_>, points: &[Point], residual_jacobian: &Sparse) -> Hessian {
+    let n = residual_jacobian.columns;
+    let gram_matrix = residual_jacobian.gram();
+    // Both orders of each pair of variables: (one, other, local entry), sorted.
+    let pairs = control.bend_pattern().iter().enumerate();
+    let mut ordered: Vec<(usize, usize, usize)> =
+        pairs.flat_map(|(entry, &(i, j))| [(i, j, entry), (j, i, entry)]).collect();
+    ordered.sort_unstable();
+    ordered.dedup();
+    let mut pattern = Pattern::new(n, n);
+    gram_matrix.entries().for_each(|(row, column, _)| pattern.add(row, column));
+    (0..n).for_each(|i| pattern.add(i, i));
+    for Point { map, .. } in points {
+        for &(i, j, _) in &ordered {
+            for &(row, _) in &map.combinations[i] {
+                let columns = map.combinations[j].iter().filter(|&&(column, _)| row <= column);
+                columns.for_each(|&(column, _)| pattern.add(row, column));
+            }
+        }
+    }
+    let matrix = pattern.build();
+    let mut gram = vec![0.0; matrix.values.len()];
+    for (row, column, slot) in gram_matrix.entries() {
+        gram[pattern.slot(row, column)] = gram_matrix.values[slot];
+    }
+    let (mut scatters, mut metrics) = (Vec::new(), Vec::new());
+    for Point { map, .. } in points {
+        let (mut scatter, mut metric) = (Scatter::new(), Scatter::new());
+        for &(i, j, entry) in &ordered {
+            for &(row, weight) in &map.combinations[i] {
+                for &(column, other) in map.combinations[j].iter().filter(|&&(column, _)| row <= column) {
+                    let slot = pattern.slot(row, column) as u32;
+                    scatter.push((entry as u32, slot, weight * other));
+                    if i == j {
+                        metric.push((i as u32, slot, weight * other));
+                    }
+                }
+            }
+        }
+        scatters.push(scatter);
+        metrics.push(metric);
+    }
+    Hessian { pattern: matrix, gram, scatter: scatters, metric: metrics }
+}
+
+fn stages(points: &[Point], linear: &[Combination], bounds: &[Bound], n: usize) -> Stages {
+    // Each unknown belongs to the first point that has it, where the equations say what it is.
+    let mut variables = vec![0; n];
+    for (k, point) in points.iter().enumerate().rev() {
+        point.map.combinations.iter().flatten().for_each(|&(i, _)| variables[i] = 1 + k);
+    }
+    let first = |row: &Combination| row.iter().map(|&(i, _)| variables[i]).min().unwrap_or(0);
+    let mut equalities: Vec<usize> = linear.iter().map(first).collect();
+    for (k, point) in points.iter().enumerate() {
+        equalities.extend(std::iter::repeat_n(1 + k, point.rows.len()));
+    }
+    Stages { variables, equalities, inequalities: bounds.iter().map(|bound| 1 + bound.point).collect() }
+}
+
+fn units(control: &ControlProblem<'_>, points: &[Point], n: usize) -> Vec<f64> {
+    let mut units = vec![1.0; n];
+    for read in &control.reads {
+        let unit = control.quantity(read.quantity).unit;
+        for Point { map, .. } in points.iter().filter(|_| unit != 1.0) {
+            let terms = read.variables.range().flat_map(|variable| &map.combinations[variable]);
+            terms.for_each(|&(index, _)| units[index] = unit);
+        }
+    }
+    units
+}
+
+fn add(scatter: &Scatter, local: &[f64], values: &mut [f64]) {
+    for &(entry, slot, weight) in scatter {
+        values[slot as usize] += weight * local[entry as usize];
     }
 }
 
 impl Problem for Collocation<'_> {
     fn variables(&self) -> usize {
-        self.layout.variables
+        self.units.len()
     }
 
     fn equalities(&self) -> usize {
@@ -354,11 +387,11 @@ impl Problem for Collocation<'_> {
     }
 
     fn stages(&self) -> &[usize] {
-        &self.stages
+        &self.stages.variables
     }
 
     fn constraint_stages(&self) -> [&[usize]; 2] {
-        [&self.equality_stages, &self.inequality_stages]
+        [&self.stages.equalities, &self.stages.inequalities]
     }
 
     fn residual_jacobian(&self) -> &Sparse {
@@ -370,17 +403,15 @@ impl Problem for Collocation<'_> {
     }
 
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]) {
-        for (row, combination) in self.layout.linear.iter().enumerate() {
+        for (row, combination) in self.linear.iter().enumerate() {
             equalities[row] = evaluate(combination, x);
         }
-        let mut residual = vec![0.0; self.instant.equations()];
-        for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
-            let z = self.local(point, x);
-            self.instant.residual(self.layout.times[point], &z, &mut residual);
-            rows.iter().enumerate().for_each(|(k, &row)| equalities[self.row_starts[point] + k] = residual[row]);
-            for row in self.bound_starts[point]..self.bound_starts[point + 1] {
-                inequalities[row] = self.slack(&self.bounds[row], &z);
-            }
+        let mut residual = vec![0.0; self.control.rows()];
+        for (j, Point { rows, .. }) in self.points.iter().enumerate() {
+            let z = self.local(j, x);
+            self.control.values(&z, &mut residual);
+            rows.iter().enumerate().for_each(|(k, &row)| equalities[self.row_starts[j] + k] = residual[row]);
+            self.bounds_of(j).for_each(|row| inequalities[row] = self.slack(&self.bounds[row], &z, &residual));
         }
     }
 
@@ -388,19 +419,14 @@ impl Problem for Collocation<'_> {
     /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, linear rows, and, in the stabilised form, the
     /// kinematic and velocity equations in m/s and rad/s.
     fn feasibility(&self, x: &[f64]) -> f64 {
-        let mut worst: f64 = self.layout.linear.iter().map(|row| evaluate(row, x).abs()).fold(0.0, larger);
-        let mut residual = vec![0.0; self.instant.equations()];
-        let [_, contraction, activation] = self.instant.row_starts();
-        for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
-            let z = self.local(point, x);
-            self.instant.residual(self.layout.times[point], &z, &mut residual);
-            for m in 0..activation - contraction {
-                residual[contraction + m] = self.instant.printed_contraction_residual(self.layout.times[point], &z, m);
-            }
+        let mut worst: f64 = self.linear.iter().map(|row| evaluate(row, x).abs()).fold(0.0, larger);
+        let mut residual = vec![0.0; self.control.rows()];
+        for (j, Point { rows, .. }) in self.points.iter().enumerate() {
+            let z = self.local(j, x);
+            self.control.printed_values(&z, &mut residual);
             worst = rows.iter().map(|&row| residual[row].abs()).fold(worst, larger);
-            for bound in &self.bounds[self.bound_starts[point]..self.bound_starts[point + 1]] {
-                worst = larger(worst, -self.slack(bound, &z));
-            }
+            let slacks = self.bounds[self.bounds_of(j)].iter().map(|bound| -self.slack(bound, &z, &residual));
+            worst = slacks.fold(worst, larger);
         }
         worst
     }
@@ -410,73 +436,46 @@ impl Problem for Collocation<'_> {
     }
 
     fn jacobians(&self, x: &[f64], equalities: &mut Sparse, inequalities: &mut Sparse) {
-        let (nz, rows) = (self.instant.variables(), self.instant.equations());
         equalities.values.clone_from(&self.equality_pattern.values);
         inequalities.values.clone_from(&self.inequality_pattern.values);
-        let mut local = vec![0.0; rows * nz];
-        let mut force = vec![[0.0; 3]; self.instant.model.muscles.len()];
-        for point in 0..self.layout.points.len() {
-            self.instant.jacobian(self.layout.times[point], &self.local(point, x), &mut local, &mut force);
-            for &(entry, slot, weight) in &self.jacobian_scatter[point] {
-                equalities.values[slot as usize] += weight * local[entry as usize];
-            }
-            for &(entry, slot, weight) in &self.force_scatter[point] {
-                inequalities.values[slot as usize] += weight * force[entry as usize / 3][entry as usize % 3];
-            }
+        let mut local = vec![0.0; self.control.slope_pattern().len()];
+        for j in 0..self.points.len() {
+            self.control.slopes(&self.local(j, x), &mut local);
+            add(&self.jacobian_scatter[j], &local, &mut equalities.values);
+            add(&self.function_scatter[j], &local, &mut inequalities.values);
         }
     }
 
     fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, curvature: Curvature, out: &mut Sparse) {
-        let nz = self.instant.variables();
-        let mut equations = vec![0.0; self.instant.equations()];
         out.values.copy_from_slice(&self.gram);
-        let mut local = vec![0.0; nz * nz];
-        let mut force = vec![0.0; self.instant.model.muscles.len()];
-        for (point, Point { rows, .. }) in self.layout.points.iter().enumerate() {
-            force.fill(0.0);
-            for row in self.bound_starts[point]..self.bound_starts[point + 1] {
-                if self.bounds[row].kind == BoundKind::Force {
-                    force[self.bounds[row].muscle] = multipliers.inequalities[row];
+        let mut local = vec![0.0; self.control.bend_pattern().len()];
+        let mut factors = vec![0.0; self.control.rows()];
+        for (j, Point { rows, .. }) in self.points.iter().enumerate() {
+            factors.fill(0.0);
+            let start = self.row_starts[j];
+            rows.iter().enumerate().for_each(|(k, &row)| factors[row] = multipliers.equalities[start + k]);
+            for row in self.bounds_of(j) {
+                if let Bounded::Function(function) = self.limit(&self.bounds[row]).bounded {
+                    factors[function] = -multipliers.inequalities[row];
                 }
             }
-            equations.fill(0.0);
-            let start = self.row_starts[point];
-            rows.iter().enumerate().for_each(|(k, &row)| equations[row] = multipliers.equalities[start + k]);
-            let z = self.local(point, x);
-            let multipliers = InstantMultipliers { equations: &equations, force: &force };
-            self.instant.hessian(self.layout.times[point], &z, multipliers, &mut local);
+            self.control.bends(&self.local(j, x), &factors, &mut local);
             if curvature == Curvature::Convex {
-                self.instant.convexify(&mut local);
+                self.control.convexify(&mut local);
             }
-            for &(entry, slot, weight) in &self.hessian_scatter[point] {
-                out.values[slot as usize] += weight * local[entry as usize];
-            }
+            add(&self.hessian_scatter[j], &local, &mut out.values);
         }
     }
 
-    /// Weights of the local variables: 1 for q (m, rad); for the muscles' w = 2.5 μ², as the objective does: w for
-    /// activation, 10 w for fibre length, w/10 for excitation; a fibre velocity is measured against `b3 v_max + |v|`, the scale
-    /// on which the force–velocity curve bends.
+    /// The weights that blocks give to steps in their variables: 1 for q (m, rad); for the muscles' w = 2.5 μ², as the
+    /// objective does: w for activation, 10 w for fibre length, w/10 for excitation; see
+    /// [`weigh`](crate::problem::block::Block::weigh).
     fn metric(&self, x: &[f64], out: &mut Sparse) {
         out.values.fill(0.0);
-        let mut local = vec![0.0; self.instant.variables()];
-        local[..self.instant.model.coordinates()].fill(1.0);
-        for point in 0..self.layout.points.len() {
-            let z = self.local(point, x);
-            for (m, muscle) in self.instant.model.muscles.iter().enumerate() {
-                let at = self.instant.muscle(m);
-                let bend = muscle.force_velocity.shortening * muscle.max_shortening_velocity;
-                let velocity = 1.0 / (bend + z[at + VELOCITY].abs());
-                let w = self.activation_weight;
-                let weights =
-                    [(ACTIVATION, w), (LENGTH, 10.0 * w), (VELOCITY, w * velocity * velocity), (EXCITATION, 0.1 * w)];
-                for (k, weight) in weights {
-                    local[at + k] = weight;
-                }
-            }
-            for &(entry, slot, weight) in &self.metric_scatter[point] {
-                out.values[slot as usize] += weight * local[entry as usize];
-            }
+        let mut weights = vec![0.0; self.control.variables()];
+        for j in 0..self.points.len() {
+            self.control.weigh(&self.local(j, x), &mut weights);
+            add(&self.metric_scatter[j], &weights, &mut out.values);
         }
     }
 }

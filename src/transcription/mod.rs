@@ -1,12 +1,11 @@
-//! From model, motion and settings to a problem of the solver.
+//! From a control problem to a programme for the solver.
 //!
-//! `instant` has the equations at one time; a scheme (`midpoint`, `radau`) says how their variables depend on coefficients;
-//! `collocation` assembles both into a sparse problem; `prediction` counts the rank deficiencies that active
-//! bounds explain. Another scheme is another file beside these two.
+//! A scheme (`midpoint`, `radau`) is a space of functions, by kind of quantity, and says where equations hold;
+//! `coefficients` has the place of each unknown; `collocation` assembles all into a sparse problem. Another scheme is
+//! another file beside these two.
 
+pub mod coefficients;
 pub mod collocation;
-pub mod instant;
 pub mod midpoint;
-pub mod prediction;
 pub mod radau;
 pub mod scheme;

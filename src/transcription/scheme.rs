@@ -1,60 +1,95 @@
-//! What every transcription provides, and functions of time that one can be filled from.
+//! What every transcription provides: a finite-dimensional space of functions of time, and where the equations hold in it.
 
-use super::collocation::{Combination, Layout};
-use super::instant::Instant;
+use super::coefficients::Coefficients;
+use crate::problem::{ControlProblem, Kind, QuantityId};
 
-/// A finite-dimensional space of functions of time, and where the equations hold in it.
+/// Σ weight · x[index]
+pub type Combination = Vec<(usize, f64)>;
+
+pub fn evaluate(combination: &Combination, x: &[f64]) -> f64 {
+    combination.iter().map(|&(index, weight)| weight * x[index]).sum()
+}
+
+/// A time, and where it is among the polynomial pieces.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// s
+    pub time: f64,
+    /// `None` at the start of the motion, where some schemes have values of states only.
+    pub piece: Option<usize>,
+    /// 0 … 1 within the piece.
+    pub share: f64,
+}
+
+/// A space of functions.
 pub trait Discretisation: Send + Sync {
-    /// All collocation points, s, the start of the motion first; see [`Layout`] for what holds at which.
+    /// All collocation points, s, the start of the motion first.
     fn points(&self) -> &[f64];
 
     /// Ends of the polynomial pieces, s.
     fn breakpoints(&self) -> &[f64];
 
-    /// Number of unknowns.
-    fn variables(&self) -> usize;
+    fn coefficients(&self) -> &Coefficients;
 
-    /// Points, equations and time blocks, for the assembly.
-    fn layout(&self, instant: &Instant<'_>) -> Layout;
+    /// The place of a time; where a function jumps, its value to the left.
+    fn place(&self, t: f64) -> Place;
 
-    /// The local variables of [`Instant`] at any time, each as a combination of the decision vector. Where a
-    /// function jumps, its value to the left.
-    fn local_at(&self, instant: &Instant<'_>, t: f64) -> Vec<Combination>;
+    /// The place of a collocation point.
+    fn point(&self, j: usize) -> Place;
 
-    /// Body coordinate `i`, or a derivative.
-    fn coordinate_at(&self, t: f64, derivative: usize, i: usize) -> Combination;
+    /// A derivative of a function that is not given, as a combination of the decision vector. Empty where it has no value.
+    fn function(&self, place: Place, quantity: QuantityId, member: usize, derivative: usize) -> Combination;
 
-    /// Activation of muscle `m`.
-    fn activation_at(&self, t: f64, m: usize) -> Combination;
+    /// Whether all equations hold at a point; else those among values of states only.
+    fn is_complete(&self, point: usize) -> bool;
 
     /// Weights that integrate, over the whole motion, a function known at [`Discretisation::points`] only, s. The weight of
     /// a point without a force is 0.
     fn quadrature(&self) -> Vec<f64>;
 
-    /// Number of coefficients of a fibre length or an activation.
-    fn state_coefficients(&self) -> usize;
-    fn length_index(&self, k: usize, m: usize) -> usize;
-    fn activation_index(&self, k: usize, m: usize) -> usize;
-
-    /// Number of coefficients of an excitation or a reaction.
-    fn control_coefficients(&self) -> usize;
-    fn excitation_index(&self, j: usize, m: usize) -> usize;
+    /// Linear equalities `Σ weight · x = 0`.
+    fn linear(&self) -> Vec<Combination>;
 
     /// Makes the unknowns that are only names for values of the others agree with them.
     fn settle(&self, x: &mut [f64]);
 
     /// The decision vector nearest to given functions: exact for functions of the space.
     fn compose(&self, functions: &dyn Trajectory) -> Vec<f64>;
+
+    /// A derivative of a function at any time.
+    fn at(&self, t: f64, quantity: QuantityId, member: usize, derivative: usize) -> Combination {
+        self.function(self.place(t), quantity, member, derivative)
+    }
 }
 
 /// Functions of time that make up an answer: a start guess, or a solution on another mesh.
 pub trait Trajectory {
-    /// Body coordinate `i` (m, rad), or its first or second derivative.
-    fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64;
-    /// Fibre length, optimal fibre lengths.
-    fn length(&self, t: f64, m: usize) -> f64;
-    fn activation(&self, t: f64, m: usize) -> f64;
-    fn excitation(&self, t: f64, m: usize) -> f64;
-    /// Reaction `c`, total weights.
-    fn reaction(&self, t: f64, c: usize) -> f64;
+    /// A function, or its first or second derivative, in the units of the problem.
+    fn value(&self, t: f64, quantity: QuantityId, member: usize, derivative: usize) -> f64;
+}
+
+/// The variables at a place: z = B x + b.
+#[derive(Clone, Debug)]
+pub struct LocalMap {
+    /// B, a row for each variable.
+    pub combinations: Vec<Combination>,
+    /// b, zero but for given quantities.
+    pub constants: Vec<f64>,
+}
+
+impl LocalMap {
+    pub fn new(problem: &ControlProblem<'_>, scheme: &dyn Discretisation, place: Place) -> Self {
+        let mut combinations = vec![Combination::new(); problem.variables()];
+        for read in problem.reads.iter().filter(|read| problem.quantity(read.quantity).kind != Kind::Given) {
+            for (member, variable) in read.variables.range().enumerate() {
+                combinations[variable] = scheme.function(place, read.quantity, member, read.derivative);
+            }
+        }
+        Self { combinations, constants: problem.given_at(place.time) }
+    }
+
+    /// z
+    pub fn apply(&self, x: &[f64]) -> Vec<f64> {
+        self.combinations.iter().zip(&self.constants).map(|(row, b)| b + evaluate(row, x)).collect()
+    }
 }

@@ -1,0 +1,79 @@
+//! Inverse methods: which quantities, blocks, limits and goals make up the problem of a study.
+
+pub mod dynamic;
+pub mod prediction;
+
+pub use dynamic::dynamic;
+
+use crate::model::Model;
+use crate::problem::blocks::contraction::Contraction;
+use crate::problem::{ControlProblem, QuantityId, Span};
+use crate::transcription::scheme::{Combination, Discretisation};
+
+/// The problem of an inverse method, and where its motion and its muscles are.
+pub struct InverseProblem<'m> {
+    pub model: &'m Model,
+    pub control: ControlProblem<'m>,
+    pub motion: MotionVariables,
+    pub muscles: MuscleVariables,
+    /// Eq. (3) of each muscle.
+    pub contractions: Vec<Contraction<'m>>,
+}
+
+/// The motion: quantities, variables at an instant, equations.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionVariables {
+    pub coordinate: QuantityId,
+    /// A velocity of its own, in the first-order form.
+    pub velocity: Option<QuantityId>,
+    /// q of the bodies that move by forces, and of all bodies.
+    pub q: Span,
+    pub all: Span,
+    /// q̇ of all bodies, where the equations have it.
+    pub rates: Option<Span>,
+    pub accelerations: Span,
+    pub reaction: QuantityId,
+    pub reactions: Span,
+    /// Eqs (1) and (2).
+    pub equation: Span,
+    pub joints: Span,
+    /// Φ_q v = 0, where the equations have it.
+    pub joint_velocities: Option<Span>,
+}
+
+/// The muscles: quantities, variables at an instant, equations; a member each muscle.
+#[derive(Clone, Copy, Debug)]
+pub struct MuscleVariables {
+    pub activation: QuantityId,
+    pub fibre_length: QuantityId,
+    pub excitation: QuantityId,
+    pub a: Span,
+    pub l: Span,
+    /// l̇, ȧ
+    pub l_rate: Span,
+    pub a_rate: Span,
+    pub u: Span,
+    /// Eq. (3).
+    pub contraction: Span,
+}
+
+impl InverseProblem<'_> {
+    /// Body coordinate `i`, or a derivative, at time t (s).
+    pub fn coordinate_at(&self, scheme: &dyn Discretisation, t: f64, derivative: usize, i: usize) -> Combination {
+        match self.motion.velocity {
+            // The velocity of the first-order form is the better one.
+            Some(velocity) if derivative > 0 => scheme.at(t, velocity, i, derivative - 1),
+            _ => scheme.at(t, self.motion.coordinate, i, derivative),
+        }
+    }
+
+    /// The activation of a muscle at time t (s).
+    pub fn activation_at(&self, scheme: &dyn Discretisation, t: f64, muscle: usize) -> Combination {
+        scheme.at(t, self.muscles.activation, muscle, 0)
+    }
+
+    /// f_m of a muscle.
+    pub fn fibre_force(&self, z: &[f64], muscle: usize) -> f64 {
+        self.contractions[muscle].fibre_force(z).value
+    }
+}

@@ -1,0 +1,25 @@
+//! The equations of the thesis (Paper B) and what stands beside them, a file each.
+//!
+//! | file | equation | adds to |
+//! |---|---|---|
+//! | `equation_of_motion` | (1) without muscles and joints: inertia, gravity, external forces | (1) |
+//! | `joints` | (2), and the joint reactions | (1), (2) |
+//! | `stabilisation` | constraints on the velocity level (not in the thesis) | its own |
+//! | `contraction` | (3), and the muscle's force | (1), (3) |
+//! | `activation` | (4) | (4) |
+//! | `reserve` | moments that no muscle makes (not in the thesis) | (1) |
+
+pub mod activation;
+pub mod contraction;
+pub mod equation_of_motion;
+pub mod joints;
+pub mod reserve;
+pub mod stabilisation;
+
+use num_dual::Dual64;
+
+/// x + ε d, with d continued by zeros.
+fn along(x: &[f64], d: &[f64]) -> Vec<Dual64> {
+    let d = d.iter().copied().chain(std::iter::repeat(0.0));
+    x.iter().zip(d).map(|(&x, d)| Dual64::new(x, d)).collect()
+}

@@ -1,0 +1,46 @@
+//! The parts of the objective, by name.
+//!
+//! Each is a sum over instants, of a convex function φ of one function of time:
+//!
+//! ```text
+//! Σ_k w_k φ(y(t_k) − ŷ_k)
+//! ```
+//!
+//! Where φ(e) = e²/2 it is a part of the least-squares objective: rows of J and b.
+
+pub mod effort;
+pub mod tracking;
+
+pub use effort::{effort, reserve_use};
+pub use tracking::tracking;
+
+use super::quantity::QuantityId;
+
+/// A part of the objective.
+#[derive(Clone, Debug)]
+pub struct Goal {
+    pub name: &'static str,
+    pub shape: Shape,
+    pub samples: Vec<Sample>,
+}
+
+/// The function φ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// ½ (w e)², with the weight inside.
+    Square,
+    /// w |e|^p, p > 2
+    Power(f64),
+}
+
+/// One term of the sum.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// s
+    pub time: f64,
+    pub quantity: QuantityId,
+    pub member: usize,
+    pub weight: f64,
+    /// ŷ
+    pub target: f64,
+}
