@@ -6,16 +6,15 @@
 
 use std::hint::black_box;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant as Clock;
 
 use sinew::deadline::Deadline;
-use sinew::guess::initial_guess;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::kkt::{Kkt, KktValues, Rows};
 use sinew::nlp::problem::{Curvature, Problem};
 use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
-use sinew::solve::{discretise, disturb, motion_settings, transcribe};
+use sinew::prepare::{Prepared, Task};
+use sinew::starts::disturb;
 use sinew::study::settings::Scheme;
 use sinew::study::{Job, Study};
 
@@ -59,13 +58,11 @@ fn main() {
 fn cost(study: &Study, job: &Job) -> Option<Cost> {
     let (settings, points) = (&job.settings, job.points);
     let model = study.model_of(job).ok()?;
-    let motion = motion_settings(settings);
-    let measurement = motion.measure(&study.motion, &model, points, Deadline::default()).ok()?;
-    let (instant, scheme) = discretise(&model, settings, points, study.motion.duration() * settings.time_scale);
-    let instant = instant.within(Arc::new(motion.surroundings(&study.motion, &model)));
-    let problem = transcribe(&instant, scheme.as_ref(), &measurement, settings);
-    let guess = initial_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default())?;
-    let guess = disturb(&guess, scheme.as_ref(), &model, settings.seed, settings.first_start);
+    let task = Task { model: &model, motion: &study.motion, settings, points };
+    let prepared = Prepared::new(task, Deadline::default()).ok()?;
+    let problem = prepared.transcribe();
+    let guess = prepared.guess(Deadline::default())?;
+    let guess = disturb(&guess, problem.scheme, &prepared.inverse, settings.seed, settings.first_start);
 
     let mut kkt = Kkt::new(&problem);
     let mut here = Iterate::new(&problem, guess.clone());

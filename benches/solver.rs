@@ -9,8 +9,6 @@ use std::sync::atomic::AtomicBool;
 
 use divan::{Bencher, black_box};
 use sinew::deadline::Deadline;
-use sinew::guess::initial_guess;
-use sinew::motion::Measurement;
 use sinew::nlp::active_set;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::kkt::{Kkt, KktValues, Rows};
@@ -18,13 +16,12 @@ use sinew::nlp::problem::{Curvature, Problem};
 use sinew::nlp::regularity::RankCounter;
 use sinew::nlp::sqp::{self, SqpSettings};
 use sinew::numerics::sparse::Sparse;
+use sinew::prepare::{Prepared, Task};
 use sinew::run::{RunOptions, run};
-use sinew::solve::{discretise, motion_settings, solve, transcribe};
+use sinew::solve::solve;
 use sinew::study::Study;
-use sinew::study::settings::{RegularityMode, Settings};
+use sinew::study::settings::RegularityMode;
 use sinew::transcription::collocation::Collocation;
-use sinew::transcription::instant::Instant;
-use sinew::transcription::scheme::Discretisation;
 
 const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];
 /// Values of δ used in turn: parts of the matrix that have not changed would not be factorised again.
@@ -39,22 +36,17 @@ fn study(name: &str) -> Study {
     Study::load(&path).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)))
 }
 
-/// Calls `then` with the job on `points` points, its measurement, equations and scheme.
-fn with_job(points: usize, then: impl FnOnce(&Study, &Settings, &Measurement, Instant<'_>, &dyn Discretisation)) {
+/// Calls `then` with the job on `points` points.
+fn with_job(points: usize, then: impl FnOnce(&Prepared<'_>)) {
     let study = study("mesh.toml");
     let settings = &study.jobs.iter().find(|job| job.points == points).expect("one of the mesh study").settings;
-    let measurement =
-        motion_settings(settings).measure(&study.motion, &study.model, points, Deadline::default()).unwrap();
-    let (instant, scheme) = discretise(&study.model, settings, points, study.motion.duration());
-    then(&study, settings, &measurement, instant, scheme.as_ref());
+    let task = Task { model: &study.model, motion: &study.motion, settings, points };
+    then(&Prepared::new(task, Deadline::default()).expect("a job of a shipped study"));
 }
 
 /// Calls `then` with the problem on `points` points and its start guess.
 fn with_problem(points: usize, then: impl FnOnce(&Collocation<'_>, Vec<f64>)) {
-    with_job(points, |_, settings, measurement, instant, scheme| {
-        let problem = transcribe(&instant, scheme, measurement, settings);
-        then(&problem, initial_guess(&problem.instant, scheme, points, measurement, Deadline::default()).unwrap());
-    });
+    with_job(points, |job| then(&job.transcribe(), job.guess(Deadline::default()).unwrap()));
 }
 
 /// The exact Hessian and the metric at a point.
@@ -144,12 +136,10 @@ fn rank(bencher: Bencher, points: usize) {
     });
 }
 
-/// The sparsity patterns, and the position of each derivative in them: [`transcribe`].
+/// The sparsity patterns, and the position of each derivative in them.
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn transcription(bencher: Bencher, points: usize) {
-    with_job(points, |_, settings, measurement, instant, scheme| {
-        bencher.bench_local(|| transcribe(&instant, scheme, measurement, settings));
-    });
+    with_job(points, |job| bencher.bench_local(|| job.transcribe()));
 }
 
 /// Elimination order of the KKT matrix.
@@ -162,9 +152,7 @@ fn symbolic(bencher: Bencher, points: usize) {
 
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn guess(bencher: Bencher, points: usize) {
-    with_job(points, |_, _, measurement, instant, scheme| {
-        bencher.bench_local(|| initial_guess(&instant, scheme, points, measurement, Deadline::default()));
-    });
+    with_job(points, |job| bencher.bench_local(|| job.guess(Deadline::default())));
 }
 
 fn run_study(study: &Study, threads: usize) {

@@ -20,6 +20,7 @@
 //! guess.rs        start guess by inverse dynamics
 //! nlp/            SQP, active sets, regularity; independent of muscles
 //! numerics/       splines, sparse matrices, ranks; independent of biomechanics
+//! prepare.rs      a job → inverse problem, scheme, measurement
 //! starts.rs       what a job's solves start from
 //! warm.rs         a solved problem as the start of another
 //! solution.rs     a solved problem → loads, errors, functions of time
@@ -73,6 +74,7 @@ pub mod numerics;
 pub mod opensim;
 pub mod outcome;
 pub mod plausibility;
+pub mod prepare;
 pub mod problem;
 pub mod reference;
 pub mod report;

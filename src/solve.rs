@@ -1,41 +1,24 @@
 //! Solves one job, from its task to its outcome: measure, transcribe, guess, solve, polish, rank, report. Pure: no disk
 //! access, no printing, one thread.
 
-use std::sync::Arc;
 use std::time::Instant as Clock;
 
 use crate::analysis::{SolvedProblem, analyse};
 use crate::deadline::Deadline;
-use crate::guess::initial_guess;
-use crate::memory;
-use crate::methods::InverseProblem;
-use crate::methods::dynamic::{dynamic, goals};
 use crate::model::Model;
-use crate::motion::{Measurement, MeasurementError, MotionSettings, MotionTable};
+use crate::motion::MotionTable;
 use crate::nlp::kkt::Kkt;
 use crate::nlp::problem::Problem;
 use crate::nlp::sqp::{SqpOutcome, SqpSettings, SqpStatus};
 use crate::outcome::{Outcome, SolutionPoint, Status};
 use crate::plausibility::{self, Warning};
+use crate::prepare::{Failure, Prepared, Task, late};
 use crate::starts::{Starts, start_at};
-use crate::study::settings::{RegularityMode, Scheme, Settings, WarmStart};
-use crate::transcription::collocation::Collocation;
-use crate::transcription::midpoint::Midpoint;
-use crate::transcription::radau::Radau;
-use crate::transcription::scheme::Discretisation;
+use crate::study::settings::{RegularityMode, Settings, WarmStart};
 use crate::warm::Answer;
 
 /// Smallest number of intervals of a coarser mesh.
 const COARSE_INTERVALS: usize = 10;
-
-/// A job to solve: the model with the job's changes, the motion, the settings, and the number of collocation points.
-#[derive(Clone, Copy)]
-pub struct Task<'a> {
-    pub model: &'a Model,
-    pub motion: &'a MotionTable,
-    pub settings: &'a Settings,
-    pub points: usize,
-}
 
 /// What a solve starts from.
 #[derive(Clone, Copy)]
@@ -123,42 +106,42 @@ fn attempt(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> (Outcome, Optio
     (outcome, answer)
 }
 
-/// Why a job has no result.
-type Failure = (Status, String);
-
-/// The pipeline: measure, transcribe, start, solve, analyse.
+/// The pipeline: prepare, transcribe, start, solve, analyse.
 fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outcome, Option<Answer>), Failure> {
-    let Task { model, motion, settings, points } = task;
+    let settings = task.settings;
     let deadline = Deadline::after(clock, settings.time_limit_s);
-    let inverse = dynamic(model, settings, &Arc::new(motion_settings(settings).surroundings(motion, model)));
-    let size = memory::ProblemSize::of(&inverse, settings, points);
-    size.check_transcribing(settings).map_err(invalid)?;
-    let measurement = measured(task, deadline)?;
-    let scheme = discretise(&inverse, settings, points, motion.duration() * settings.time_scale);
-    let problem = transcribe(&inverse, scheme.as_ref(), &measurement, settings);
+    let prepared = Prepared::new(task, deadline)?;
+    let problem = prepared.transcribe();
     in_time(deadline)?;
 
     let begun = Clock::now();
     let warm = match from {
-        StartFrom::Guess => coarser(task, clock).map(|answer| answer.start(&inverse, &problem)),
-        StartFrom::Answer(answer) => Some(answer.start(&inverse, &problem)),
+        StartFrom::Guess => coarser(task, clock).map(|answer| answer.start(&prepared.inverse, &problem)),
+        StartFrom::Answer(answer) => Some(answer.start(&prepared.inverse, &problem)),
         StartFrom::Solution(solution) => Some(start_at(solution, &problem)),
     };
-    let guess = || initial_guess(&inverse, scheme.as_ref(), points, &measurement, deadline);
-    let starts = Starts::new(warm, &guess, &inverse, &problem, settings)?;
+    let guess = || prepared.guess(deadline);
+    let starts = Starts::new(warm, &guess, &prepared.inverse, &problem, settings)?;
     in_time(deadline)?;
     let mut kkt = Kkt::new(&problem);
-    size.check_solving(kkt.bytes(), problem.variables(), settings).map_err(invalid)?;
+    let size = prepared.size.check_solving(kkt.bytes(), problem.variables(), settings);
+    size.map_err(|reason| (Status::Invalid, reason))?;
     in_time(deadline)?;
-    let sqp_settings = SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() };
-    let runs = starts.solve(&mut kkt, sqp_settings);
+    let runs = starts
+        .solve(&mut kkt, SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() });
     let solve_s = begun.elapsed().as_secs_f64();
     if runs.best.status == SqpStatus::NonFinite {
         return Err((Status::NonFinite, "a function or derivative became non-finite during the solve".to_owned()));
     }
 
     let ranked = Clock::now();
-    let solved = SolvedProblem { inverse: &inverse, problem: &problem, measurement: &measurement, settings, deadline };
+    let solved = SolvedProblem {
+        inverse: &prepared.inverse,
+        problem: &problem,
+        measurement: &prepared.measurement,
+        settings,
+        deadline,
+    };
     let mut outcome = analyse(&solved, &mut kkt, &runs);
     outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
@@ -166,24 +149,8 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
         .then(|| format!("{} of {} starts were made before the time limit", runs.made, settings.starts));
     let converged = runs.best.status == SqpStatus::Converged;
     outcome.solution = converged.then(|| SolutionPoint::of(&runs.best.iterate));
-    let answer = converged.then(|| Answer::new(&problem, scheme.clone(), &runs.best.iterate));
+    let answer = converged.then(|| Answer::new(&problem, prepared.scheme.clone(), &runs.best.iterate));
     Ok((outcome, answer))
-}
-
-fn invalid(reason: String) -> Failure {
-    (Status::Invalid, reason)
-}
-
-fn measured(task: Task<'_>, deadline: Deadline) -> Result<Measurement, Failure> {
-    let Task { model, motion, settings, points } = task;
-    motion_settings(settings).measure(motion, model, points, deadline).map_err(|why| match why {
-        MeasurementError::DeadlinePassed => late(),
-        open => (Status::Infeasible, open.to_string()),
-    })
-}
-
-fn late() -> Failure {
-    (Status::TimeLimit, MeasurementError::DeadlinePassed.to_string())
 }
 
 fn in_time(deadline: Deadline) -> Result<(), Failure> {
@@ -201,41 +168,6 @@ fn warn(outcome: &mut Outcome, motion: Option<Warning>, model: &Model, settings:
     outcome.job.warnings = codes;
     let remarks: Vec<String> = outcome.job.remark.take().into_iter().chain(words).collect();
     outcome.job.remark = (!remarks.is_empty()).then(|| remarks.join("; "));
-}
-
-/// How to measure the motion for a job with these settings.
-pub fn motion_settings(settings: &Settings) -> MotionSettings {
-    MotionSettings {
-        measurement_ratio: settings.measured_per_interval(),
-        smoothing_hz: settings.smoothing_hz,
-        noise_sd: settings.noise_sd,
-        seed: settings.seed,
-        time_scale: settings.time_scale,
-        changes: settings.motion.clone(),
-    }
-}
-
-/// The scheme of `settings`, on `points` points (p) over `duration` seconds.
-pub fn discretise(
-    inverse: &InverseProblem<'_>,
-    settings: &Settings,
-    points: usize,
-    duration: f64,
-) -> Arc<dyn Discretisation> {
-    match settings.scheme {
-        Scheme::Midpoint => Arc::new(Midpoint::new(&inverse.control, points, duration)),
-        Scheme::Radau => Arc::new(Radau::new(&inverse.control, points - 1, settings.stages, duration)),
-    }
-}
-
-/// The programme for the solver.
-pub fn transcribe<'p>(
-    inverse: &'p InverseProblem<'p>,
-    scheme: &'p dyn Discretisation,
-    measurement: &Measurement,
-    settings: &Settings,
-) -> Collocation<'p> {
-    Collocation::new(&inverse.control, scheme, &goals(inverse, scheme, measurement, settings))
 }
 
 /// Why a run did not converge, with its residuals; `None` if it converged.

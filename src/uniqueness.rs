@@ -238,7 +238,7 @@ pub fn parameters(
         let jacobian = problem.residual_jacobian();
         let mut residual = vec![0.0; jacobian.rows];
         jacobian.add_product(1.0, &iterate.x, &mut residual);
-        residual[problem.goal_rows("tracking")].fill(0.0);
+        residual[problem.objective.rows("tracking")].fill(0.0);
         let mut gradient = vec![0.0; n];
         jacobian.add_transpose_product(2.0 / mu, &residual, &mut gradient);
         parameters.push(Parameter { name: "mu".to_owned(), value: mu, gradient, equalities: vec![0.0; me] });

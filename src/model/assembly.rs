@@ -150,7 +150,9 @@ impl Planar {
 mod tests {
     #[test]
     fn a_loop_is_closed_from_one_coordinate_and_a_broken_one_is_reported() {
-        let model = crate::transcription::instant::tests::model().planar().unwrap().clone();
+        let text = include_str!("../../tests/fixtures/everything.toml");
+        let file: crate::model::file::ModelFile = toml::from_str(text).unwrap();
+        let model = file.check().unwrap().planar().unwrap().clone();
         let given = [Some(0.4), None, None];
         let q = model.assemble(&given, None).unwrap();
         for joint in &model.joints {
@@ -159,8 +161,7 @@ mod tests {
         let (main, _) = model.joint_coordinates().next().unwrap();
         assert!((main.coordinate_value(&q).value - 0.4).abs() < 1e-9);
 
-        let text = include_str!("../../tests/fixtures/everything.toml")
-            .replace("parent_point = [0.5, 0.0]", "parent_point = [0.01, 0.0]");
+        let text = text.replace("parent_point = [0.5, 0.0]", "parent_point = [0.01, 0.0]");
         let file: crate::model::file::ModelFile = toml::from_str(&text).unwrap();
         let mut broken = file.check().unwrap().planar().unwrap().clone();
         // A rail far out of reach of the short rod.

@@ -314,7 +314,7 @@ const LARGEST_GAP: f64 = 5e-3;
 fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file: &SourceFile) -> Result<()> {
     // The motion as in the file, without the study's changes to single coordinates.
     let plain = Settings { motion: Vec::new(), time_scale: 1.0, noise_sd: 0.0, ..base.clone() };
-    let plain = crate::solve::motion_settings(&plain);
+    let plain = crate::prepare::motion_settings(&plain);
     let Some(spatial) = model.spatial() else {
         let plain = MotionSettings { measurement_ratio: 1, ..plain };
         let instants = motion.time.len().min(CLOSURE_CHECKS);

@@ -44,8 +44,7 @@ pub struct Collocation<'p> {
     pub scheme: &'p dyn Discretisation,
     pub points: Vec<Point>,
     pub bounds: Vec<Bound>,
-    /// The rows of J that belong to each goal.
-    pub goals: Vec<(&'static str, Range<usize>)>,
+    pub objective: Objective,
     /// Linear equalities `Σ weight · x = 0`, before those of the points.
     pub linear: Vec<Combination>,
     /// The maps of all points one after the other: a column each variable.
@@ -54,8 +53,6 @@ pub struct Collocation<'p> {
     row_starts: Vec<usize>,
     bound_starts: Vec<usize>,
     stages: Stages,
-    residual_jacobian: Sparse,
-    residual_data: Vec<f64>,
     equality_pattern: Sparse,
     inequality_pattern: Sparse,
     hessian_pattern: Sparse,
@@ -81,7 +78,7 @@ impl<'p> Collocation<'p> {
     pub fn new(control: &'p ControlProblem<'p>, scheme: &'p dyn Discretisation, goals: &[Goal]) -> Self {
         let (points, linear) = (points(control, scheme), scheme.linear());
         let n = scheme.coefficients().total();
-        let (residual_jacobian, residual_data, goals) = objective(scheme, goals);
+        let objective = Objective::new(scheme, goals);
         let starts = |first: usize, counts: &dyn Fn(&Point) -> usize| {
             let mut starts = vec![first];
             points.iter().for_each(|point| starts.push(starts[starts.len() - 1] + counts(point)));
@@ -103,7 +100,7 @@ impl<'p> Collocation<'p> {
         }
         let equalities = equalities(control, &points, &linear, &row_starts, n);
         let inequalities = inequalities(control, &points, &bounds, n);
-        let hessian = hessian(control, &points, &residual_jacobian);
+        let hessian = hessian(control, &points, &objective.residual_jacobian);
         let maps = points.iter().flat_map(|point| &point.map.combinations).enumerate();
         let triplets: Vec<(usize, usize, f64)> =
             maps.flat_map(|(k, terms)| terms.iter().map(move |&(index, weight)| (index, k, weight))).collect();
@@ -115,12 +112,10 @@ impl<'p> Collocation<'p> {
             scheme,
             points,
             bounds,
-            goals,
+            objective,
             linear,
             row_starts,
             bound_starts,
-            residual_jacobian,
-            residual_data,
             equality_pattern: equalities.0,
             jacobian_scatter: equalities.1,
             inequality_pattern: inequalities.0,
@@ -142,11 +137,6 @@ impl<'p> Collocation<'p> {
     /// The limit that an inequality imposes.
     pub fn limit(&self, bound: &Bound) -> &Limit {
         &self.control.limits[bound.limit]
-    }
-
-    /// The rows of J that belong to a goal.
-    pub fn goal_rows(&self, name: &str) -> Range<usize> {
-        self.goals.iter().find(|(goal, _)| *goal == name).map_or(0..0, |(_, rows)| rows.clone())
     }
 
     /// Variables z of a point.
@@ -189,19 +179,35 @@ fn points(control: &ControlProblem<'_>, scheme: &dyn Discretisation) -> Vec<Poin
     (0..scheme.points().len()).map(point).collect()
 }
 
-/// J and b, and the rows of each goal.
-fn objective(scheme: &dyn Discretisation, goals: &[Goal]) -> (Sparse, Vec<f64>, Vec<(&'static str, Range<usize>)>) {
-    let (mut triplets, mut data, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
-    for goal in goals {
-        let start = data.len();
-        for sample in &goal.samples {
-            let terms = scheme.at(sample.time, sample.quantity, sample.member, 0);
-            triplets.extend(terms.into_iter().map(|(i, weight)| (data.len(), i, sample.weight * weight)));
-            data.push(sample.weight * sample.target);
+/// The objective ½‖J x − b‖².
+pub struct Objective {
+    residual_jacobian: Sparse,
+    residual_data: Vec<f64>,
+    /// The rows of J that belong to each goal.
+    goals: Vec<(&'static str, Range<usize>)>,
+}
+
+impl Objective {
+    fn new(scheme: &dyn Discretisation, all: &[Goal]) -> Self {
+        let (mut triplets, mut residual_data, mut goals) = (Vec::new(), Vec::new(), Vec::new());
+        for goal in all {
+            let start = residual_data.len();
+            for sample in &goal.samples {
+                let row = residual_data.len();
+                let terms = scheme.at(sample.time, sample.quantity, sample.member, 0);
+                triplets.extend(terms.into_iter().map(|(i, weight)| (row, i, sample.weight * weight)));
+                residual_data.push(sample.weight * sample.target);
+            }
+            goals.push((goal.name, start..residual_data.len()));
         }
-        ranges.push((goal.name, start..data.len()));
+        let residual_jacobian = Sparse::from_triplets(residual_data.len(), scheme.coefficients().total(), &triplets);
+        Self { residual_jacobian, residual_data, goals }
     }
-    (Sparse::from_triplets(data.len(), scheme.coefficients().total(), &triplets), data, ranges)
+
+    /// The rows of J that belong to a goal.
+    pub fn rows(&self, goal: &str) -> Range<usize> {
+        self.goals.iter().find(|(name, _)| *name == goal).map_or(0..0, |(_, rows)| rows.clone())
+    }
 }
 
 /// ∂c/∂x with the linear rows filled in, and where the slopes of each point go.
@@ -395,11 +401,11 @@ impl Problem for Collocation<'_> {
     }
 
     fn residual_jacobian(&self) -> &Sparse {
-        &self.residual_jacobian
+        &self.objective.residual_jacobian
     }
 
     fn residual_data(&self) -> &[f64] {
-        &self.residual_data
+        &self.objective.residual_data
     }
 
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]) {

@@ -1,9 +1,14 @@
 //! Comparisons with closed-form solutions: pendulum, holding torque, activation step.
 
 use nalgebra::{DMatrix, DVector};
+use sinew::methods::{InverseProblem, dynamic};
 use sinew::model::Model;
 use sinew::model::file::ModelFile;
-use sinew::transcription::instant::{Form, Instant};
+use sinew::motion::Surroundings;
+use sinew::numerics::bspline::SplineSpace;
+use sinew::transcription::midpoint::mesh;
+
+use super::support::settings;
 
 const PENDULUM: &str = r#"
 name = "pendulum"
@@ -33,20 +38,25 @@ fn pendulum() -> Model {
     toml::from_str::<ModelFile>(PENDULUM).unwrap().check().unwrap()
 }
 
+/// The thesis' problem of a model.
+fn problem(model: &Model) -> InverseProblem<'_> {
+    dynamic(model, &settings(|_| ()), &std::sync::Arc::new(Surroundings::constant(model)))
+}
+
 /// The smallest residual of eq. (1) over all reactions, in units of the weight.
-fn residual_of_motion(instant: &Instant<'_>, z: &[f64]) -> f64 {
-    let model = instant.model;
+fn residual_of_motion(inverse: &InverseProblem<'_>, z: &[f64]) -> f64 {
+    let model = inverse.model;
     let (nq, nc) = (model.coordinates(), model.constraints());
     let motion = |z: &[f64]| {
-        let mut out = vec![0.0; instant.equations()];
-        instant.residual(0.0, z, &mut out);
-        DVector::from_row_slice(&out[..nq])
+        let mut out = vec![0.0; inverse.control.rows()];
+        inverse.control.values(z, &mut out);
+        DVector::from_row_slice(inverse.motion.equation.of(&out))
     };
     let rest = motion(z);
     let mut columns = DMatrix::zeros(nq, nc);
     for c in 0..nc {
         let mut unit = z.to_vec();
-        unit[instant.reaction(c)] += 1.0;
+        unit[inverse.motion.reactions.at(c)] += 1.0;
         columns.set_column(c, &(motion(&unit) - &rest));
     }
     let reactions = columns.clone().svd(true, true).solve(&-&rest, 1e-12).unwrap();
@@ -55,37 +65,37 @@ fn residual_of_motion(instant: &Instant<'_>, z: &[f64]) -> f64 {
 
 /// z of the rod at an angle, with angular velocity and acceleration, and a negligible muscle force.
 fn swinging(model: &Model, angle: f64, rate: f64, acceleration: f64) -> Vec<f64> {
-    let instant = Instant::new(model, Form::SecondOrder);
+    let inverse = problem(model);
     let q = model.planar().unwrap().assemble(&[Some(angle)], None).unwrap();
-    let mut z = vec![0.0; instant.variables()];
-    z[..3].copy_from_slice(&q);
+    let mut z = vec![0.0; inverse.control.variables()];
+    z[inverse.motion.q.range()].copy_from_slice(&q);
     // Centre of mass at −0.4 along the rod: r = 0.4 (sin φ, −cos φ).
     let (sin, cos) = angle.sin_cos();
-    z[instant.acceleration(0)] = 0.4 * (acceleration * cos - rate * rate * sin);
-    z[instant.acceleration(1)] = 0.4 * (acceleration * sin + rate * rate * cos);
-    z[instant.acceleration(2)] = acceleration;
-    z[instant.muscle(0) + 1] = -5.0; // a fibre so short that its passive force is below 1e-28
+    z[inverse.motion.accelerations.at(0)] = 0.4 * (acceleration * cos - rate * rate * sin);
+    z[inverse.motion.accelerations.at(1)] = 0.4 * (acceleration * sin + rate * rate * cos);
+    z[inverse.motion.accelerations.at(2)] = acceleration;
+    z[inverse.muscles.l.at(0)] = -5.0; // a fibre so short that its passive force is below 1e-28
     z
 }
 
 #[test]
 fn the_pendulum_equation_follows_from_the_constraint_form() {
     let model = pendulum();
-    let instant = Instant::new(&model, Form::SecondOrder);
+    let inverse = problem(&model);
     for (angle, rate) in [(0.3, 0.0), (-1.2, 2.0), (2.0, -3.0)] {
         // (I + m l²) φ̈ = −m g l sin φ
         let acceleration = -2.0 * 9.81 * 0.4 * f64::sin(angle) / (0.05 + 2.0 * 0.16);
         let z = swinging(&model, angle, rate, acceleration);
-        assert!(residual_of_motion(&instant, &z) < 1e-13);
+        assert!(residual_of_motion(&inverse, &z) < 1e-13);
         let wrong = swinging(&model, angle, rate, acceleration + 0.1);
-        assert!(residual_of_motion(&instant, &wrong) > 1e-5);
+        assert!(residual_of_motion(&inverse, &wrong) > 1e-5);
     }
 }
 
 #[test]
 fn a_muscle_holds_the_rod_with_the_torque_of_its_moment_arm() {
     let model = pendulum();
-    let instant = Instant::new(&model, Form::SecondOrder);
+    let inverse = problem(&model);
     let muscle = &model.muscles[0];
     let angle = -0.5;
     let length = |angle: f64| {
@@ -99,14 +109,14 @@ fn a_muscle_holds_the_rod_with_the_torque_of_its_moment_arm() {
     let force = 2.0 * 9.81 * 0.4 * f64::sin(angle) / moment_arm;
     assert!(force > 0.0, "the muscle can only pull");
     let mut z = swinging(&model, angle, 0.0, 0.0);
-    let at = instant.muscle(0);
-    z[at + 1] = 1.0;
+    let at = inverse.muscles.a.at(0);
+    z[inverse.muscles.l.at(0)] = 1.0;
     let passive = muscle.fibre_force(0.0, 1.0, 0.0).value;
     let full = muscle.fibre_force(1.0, 1.0, 0.0).value;
     z[at] = (force / muscle.max_isometric_force - passive) / (full - passive);
-    assert!(residual_of_motion(&instant, &z) < 1e-9);
+    assert!(residual_of_motion(&inverse, &z) < 1e-9);
     z[at] *= 1.1;
-    assert!(residual_of_motion(&instant, &z) > 1e-4);
+    assert!(residual_of_motion(&inverse, &z) > 1e-4);
 }
 
 #[test]
@@ -140,20 +150,19 @@ fn the_scheme_is_of_second_order_on_activation() {
         }
         a
     };
-    let model = pendulum();
-    let instant = Instant::new(&model, Form::SecondOrder);
     let error = |points: usize| {
-        let scheme = sinew::transcription::midpoint::Midpoint::new(&instant, points, 1.0);
-        let mut c = vec![0.0; scheme.state.dimension()];
+        let (points, breakpoints) = mesh(points, 1.0);
+        let space = SplineSpace::new(1, &breakpoints);
+        let mut c = vec![0.0; space.dimension()];
         c[0] = a0;
-        for &t in &scheme.points {
-            let (value, rate) = (scheme.state.basis(t, 0), scheme.state.basis(t, 1));
+        for t in points {
+            let (value, rate) = (space.basis(t, 0), space.basis(t, 1));
             // rate·c = (u − value·c)/τ for the last coefficient of this span.
             let known = |b: &sinew::numerics::bspline::Basis| b.values[0] * c[b.first];
             let right = u(t) / tau - known(&rate) - known(&value) / tau;
             c[value.first + 1] = right / (rate.values[1] + value.values[1] / tau);
         }
-        (scheme.state.value(&c, 1.0, 0) - fine).abs()
+        (space.value(&c, 1.0, 0) - fine).abs()
     };
     let ratios = [error(41) / error(81), error(81) / error(161)];
     assert!(ratios.iter().all(|r| (3.0..5.5).contains(r)), "{ratios:?}");

@@ -2,14 +2,15 @@
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;
-use sinew::guess::initial_guess;
+use sinew::methods::dynamic;
+use sinew::model::file::ModelFile;
+use sinew::motion::Surroundings;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::problem::{Curvature, Multipliers, Problem};
 use sinew::numerics::sparse::Sparse;
-use sinew::solve::{discretise, transcribe};
 use sinew::study::settings::{Bounds, Scheme};
 
-use super::support::{model, motion, prepare, settings};
+use super::support::{check_derivatives, model, motion, prepare, random_instant, settings};
 
 fn dense(matrix: &Sparse) -> Vec<Vec<f64>> {
     let mut rows = vec![vec![0.0; matrix.columns]; matrix.rows];
@@ -29,15 +30,13 @@ fn jacobians_and_hessian_of_the_whole_problem_agree_with_differences() {
     for (model_name, motion_name, points, scheme, stages) in cases {
         let model = model(model_name);
         let table = motion(motion_name, &model);
-        let (_, _, measurement) = prepare(&model, &table, points);
         let settings = settings(|s| {
             s.bounds = Bounds::ExcitationBoxed;
             (s.scheme, s.stages) = (scheme, stages);
         });
-        let (instant, scheme) = discretise(&model, &settings, points, table.duration());
-        let scheme = scheme.as_ref();
-        let problem = transcribe(&instant, scheme, &measurement, &settings);
-        let guess = initial_guess(&instant, scheme, points, &measurement, Deadline::default()).unwrap();
+        let prepared = prepare(&model, &table, &settings, points);
+        let problem = prepared.transcribe();
+        let guess = prepared.guess(Deadline::default()).unwrap();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
         let mut here = Iterate::new(&problem, guess.iter().map(|x| x + rng.random_range(-0.02..0.02)).collect());
         here.equality_multipliers.iter_mut().for_each(|l| *l = rng.random_range(-1.0..1.0));
@@ -80,9 +79,10 @@ fn jacobians_and_hessian_of_the_whole_problem_agree_with_differences() {
 fn the_convexified_hessian_is_positive_semidefinite_and_above_the_gauss_newton_one() {
     let model = model("arm.toml");
     let table = motion("arm_curl.csv", &model);
-    let (instant, scheme, measurement) = prepare(&model, &table, 4);
-    let problem = transcribe(&instant, &scheme, &measurement, &settings(|_| ()));
-    let guess = initial_guess(&instant, &scheme, 4, &measurement, Deadline::default()).unwrap();
+    let settings = settings(|_| ());
+    let prepared = prepare(&model, &table, &settings, 4);
+    let problem = prepared.transcribe();
+    let guess = prepared.guess(Deadline::default()).unwrap();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
     let lambda: Vec<f64> = (0..problem.equalities()).map(|_| rng.random_range(-1.0..1.0)).collect();
     let nu = vec![0.1; problem.inequalities()];
@@ -98,4 +98,23 @@ fn the_convexified_hessian_is_positive_semidefinite_and_above_the_gauss_newton_o
     };
     assert!(smallest(Curvature::Convex) > -1e-9);
     assert!(smallest(Curvature::Exact) < -1e-3, "random multipliers give negative curvature");
+}
+
+/// Random variables of a model with every kind of joint, a loop, via points, loads and unequal times.
+#[test]
+fn every_block_has_its_derivatives() {
+    let file: ModelFile = toml::from_str(include_str!("../fixtures/everything.toml")).unwrap();
+    let model = file.check().unwrap();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+    for scheme in [Scheme::Midpoint, Scheme::Radau] {
+        let settings = settings(|s| s.scheme = scheme);
+        let inverse = dynamic(&model, &settings, &std::sync::Arc::new(Surroundings::constant(&model)));
+        for _ in 0..5 {
+            let mut z = random_instant(&inverse, &mut rng);
+            let given = inverse.control.given_at(0.0);
+            z.iter_mut().zip(&given).filter(|(_, given)| **given != 0.0).for_each(|(z, given)| *z = *given);
+            let multipliers: Vec<f64> = (0..inverse.control.rows()).map(|_| rng.random_range(-1.0..1.0)).collect();
+            check_derivatives(&inverse.control, &z, &multipliers, |_| true, (1e-6, 2e-5));
+        }
+    }
 }

@@ -2,22 +2,23 @@
 
 use rand::{RngExt, SeedableRng};
 use sinew::deadline::Deadline;
-use sinew::guess::initial_guess;
+use sinew::methods::dynamic;
+use sinew::methods::prediction::{Setting, predict};
 use sinew::model::Model;
-use sinew::motion::Measurement;
+use sinew::motion::{Measurement, Surroundings};
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::regularity;
 use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
 use sinew::outcome::{Outcome, Status};
-use sinew::solve::{discretise, prediction_setting, solve, transcribe};
+use sinew::problem::Goal;
+use sinew::problem::goals::{Sample, Shape};
+use sinew::solve::solve;
 use sinew::study::settings::{Bounds, Initial, LoadSharingGrid, Scheme, Settings};
-use sinew::transcription::collocation::{BoundKind, Collocation};
-use sinew::transcription::instant::{ACTIVATION, EXCITATION, Form, Instant, LENGTH};
-use sinew::transcription::prediction::predict;
+use sinew::transcription::collocation::Collocation;
 use sinew::transcription::radau::Radau;
 use sinew::transcription::scheme::Discretisation;
 
-use super::support::{self, measured, model, motion};
+use super::support::{self, measured, model, motion, prepare};
 
 fn settings(stages: usize, change: impl FnOnce(&mut Settings)) -> Settings {
     support::settings(|s| {
@@ -51,34 +52,33 @@ fn initial_state(model: &Model) -> Vec<f64> {
 /// One interval of the scheme from `state` = (q, v, then a and l by muscle), as a least-squares problem with zero
 /// residual.
 fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<f64> {
-    let instant = Instant::new(model, Form::Stabilised);
-    let scheme = Radau::new(&instant, 1, stages, h, false);
-    let layout = scheme.layout(&instant);
-    let (nq, nm) = (model.coordinates(), model.muscles.len());
-    let places: Vec<usize> = (0..nq)
-        .chain((0..nq).map(|i| instant.velocity(i)))
-        .chain((0..nm).flat_map(|m| [instant.muscle(m) + ACTIVATION, instant.muscle(m) + LENGTH]))
-        .collect();
-    let mut x = vec![0.0; scheme.variables()];
-    let (mut rows, mut data) = (Vec::new(), Vec::new());
-    for (&place, &value) in places.iter().zip(state) {
-        rows.push(layout.points[0].map[place].clone());
-        data.push(value);
-        layout.points.iter().for_each(|point| x[point.map[place][0].0] = value);
+    let settings = settings(stages, |s| (s.initial, s.bounds) = (Initial::Free, Bounds::None));
+    let inverse = dynamic(model, &settings, &std::sync::Arc::new(Surroundings::constant(model)));
+    let scheme = Radau::new(&inverse.control, 1, stages, h);
+    let (motion, muscles, nm) = (&inverse.motion, &inverse.muscles, model.muscles.len());
+    let mut functions: Vec<_> = (0..motion.q.count).map(|i| (motion.coordinate, i)).collect();
+    functions.extend((0..motion.q.count).map(|i| (motion.velocity.unwrap(), i)));
+    functions.extend((0..nm).flat_map(|m| [(muscles.activation, m), (muscles.fibre_length, m)]));
+    let mut x = vec![0.0; scheme.coefficients().total()];
+    let sample = |time, (quantity, member), target| Sample { time, quantity, member, weight: 1.0, target };
+    let mut samples = Vec::new();
+    for (&(quantity, member), &value) in functions.iter().zip(state) {
+        samples.push(sample(0.0, (quantity, member), value));
+        (0..=stages).for_each(|k| x[scheme.coefficients().index(quantity, k, member)] = value);
     }
-    for (point, &t) in layout.points.iter().zip(scheme.points()).skip(1) {
+    for (j, &t) in scheme.points().iter().enumerate().skip(1) {
         for m in 0..nm {
-            let row = &point.map[instant.muscle(m) + EXCITATION];
-            data.push(excitation(m, start + t));
-            x[row[0].0] = excitation(m, start + t);
-            rows.push(row.clone());
+            let value = excitation(m, start + t);
+            samples.push(sample(t, (muscles.excitation, m), value));
+            x[scheme.coefficients().index(muscles.excitation, j - 1, m)] = value;
         }
     }
-    let problem = Collocation::new(instant.clone(), layout, &rows, data, &[], 1.0);
+    let goal = Goal { name: "forward", shape: Shape::Square, samples };
+    let problem = Collocation::new(&inverse.control, &scheme, &[goal]);
     let outcome = sqp::solve(&problem, x, SqpSettings { target: 1e-11, ..SqpSettings::default() });
     assert_eq!(outcome.status, SqpStatus::Converged, "{:?}", outcome.iterate.kkt_error());
-    let z = problem.local(stages, &outcome.iterate.x);
-    places.iter().map(|&place| z[place]).collect()
+    let last = |&(quantity, member)| outcome.iterate.x[scheme.coefficients().index(quantity, stages, member)];
+    functions.iter().map(last).collect()
 }
 
 /// The state at `to`, computed from the state at `from`.
@@ -170,31 +170,31 @@ fn predicted_deficiencies_hold_for_random_patterns_of_active_bounds() {
                 }
             });
             let points = 5;
-            let measurement = measure(&model, &settings, points);
-            let (instant, scheme) = discretise(&model, &settings, points, 1.0);
-            let scheme = scheme.as_ref();
-            let problem = transcribe(&instant, scheme, &measurement, &settings);
-            let mut x = initial_guess(&instant, scheme, points, &measurement, Deadline::default()).unwrap();
+            let table = motion("arm_curl.csv", &model);
+            let prepared = prepare(&model, &table, &settings, points);
+            let (inverse, problem) = (&prepared.inverse, prepared.transcribe());
+            let (muscles, places) = (&inverse.muscles, prepared.scheme.coefficients());
+            let mut x = prepared.guess(Deadline::default()).unwrap();
             x.iter_mut().for_each(|v| *v += rng.random_range(-0.02..0.02));
             let idle: Vec<bool> = (0..model.muscles.len()).map(|_| rng.random_range(0.0..1.0) < 0.3).collect();
             for m in 0..model.muscles.len() {
-                for k in 0..scheme.state_coefficients() {
-                    x[scheme.activation_index(k, m)] = if idle[m] { 0.0 } else { rng.random_range(0.05..0.6) };
+                for k in 0..places.count(muscles.activation) {
+                    x[places.index(muscles.activation, k, m)] = if idle[m] { 0.0 } else { rng.random_range(0.05..0.6) };
                 }
-                for j in 0..scheme.control_coefficients() {
-                    x[scheme.excitation_index(j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
+                for j in 0..places.count(muscles.excitation) {
+                    x[places.index(muscles.excitation, j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
                 }
             }
             let active: Vec<usize> = (0..problem.bounds.len())
                 .filter(|&row| {
-                    let bound = problem.bounds[row];
-                    let at_once = idle[bound.muscle] && bound.kind == BoundKind::Activation;
+                    let limit = problem.limit(&problem.bounds[row]);
+                    let at_once = idle[support::muscle(&model, &limit.member)] && limit.name == "activation";
                     at_once || rng.random_range(0.0..1.0) < 0.4
                 })
                 .collect();
             let iterate = Iterate::new(&problem, x);
-            let setting = prediction_setting(&model, scheme, &measurement, &settings);
-            let predicted = predict(&problem, &iterate.x, &active, &setting);
+            let setting = Setting::new(inverse, problem.scheme, &prepared.measurement, &settings);
+            let predicted = predict(inverse, &problem, &iterate.x, &active, &setting);
             let found = regularity::analyse_dense(&problem, &iterate, &active).unwrap();
             let case = format!("{stages} stages, {initial:?}, round {round}");
             assert_eq!(Some(found.a.deficiency), predicted.a, "A, {case}");
@@ -215,19 +215,20 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
             s.bounds = Bounds::None;
             s.initial = initial;
         });
-        let measurement = measure(&model, &settings, 6);
-        let (instant, scheme) = discretise(&model, &settings, 6, 1.0);
-        let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
-        let mut x = initial_guess(&instant, scheme.as_ref(), 6, &measurement, Deadline::default()).unwrap();
+        let table = motion("arm_curl.csv", &model);
+        let prepared = prepare(&model, &table, &settings, 6);
+        let (inverse, problem) = (&prepared.inverse, prepared.transcribe());
+        let (muscles, places) = (&inverse.muscles, prepared.scheme.coefficients());
+        let mut x = prepared.guess(Deadline::default()).unwrap();
         for m in 0..5 {
-            for k in 0..scheme.state_coefficients() {
-                x[scheme.activation_index(k, m)] = 0.2 + 0.01 * (k as f64);
-                x[scheme.length_index(k, m)] = 1.0 + 0.002 * (k * k) as f64;
+            for k in 0..places.count(muscles.activation) {
+                x[places.index(muscles.activation, k, m)] = 0.2 + 0.01 * (k as f64);
+                x[places.index(muscles.fibre_length, k, m)] = 1.0 + 0.002 * (k * k) as f64;
             }
         }
         let iterate = Iterate::new(&problem, x);
-        let setting = prediction_setting(&model, scheme.as_ref(), &measurement, &settings);
-        assert_eq!(predict(&problem, &iterate.x, &[], &setting).aj, Some(expected));
+        let setting = Setting::new(inverse, problem.scheme, &prepared.measurement, &settings);
+        assert_eq!(predict(inverse, &problem, &iterate.x, &[], &setting).aj, Some(expected));
         assert_eq!(regularity::analyse_dense(&problem, &iterate, &[]).unwrap().aj.deficiency, expected);
     }
 }
@@ -240,10 +241,10 @@ fn ranks_of_large_problems_are_those_of_the_dense_decomposition() {
             s.h = 1.0 / (points - 1) as f64;
             s.mu = mu;
         });
-        let measurement = measure(&model, &settings, points);
-        let (instant, scheme) = discretise(&model, &settings, points, 1.0);
-        let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
-        let guess = initial_guess(&instant, scheme.as_ref(), points, &measurement, Deadline::default()).unwrap();
+        let table = motion("arm_curl.csv", &model);
+        let prepared = prepare(&model, &table, &settings, points);
+        let problem = prepared.transcribe();
+        let guess = prepared.guess(Deadline::default()).unwrap();
         let outcome = sqp::solve(&problem, guess, SqpSettings::default());
         let active: Vec<usize> =
             (0..problem.bounds.len()).filter(|&r| outcome.iterate.inequalities[r] <= 1e-8).collect();

@@ -3,52 +3,74 @@
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 use sinew::deadline::Deadline;
-use sinew::guess::initial_guess;
 use sinew::model::Model;
 use sinew::model::curves::{active_force_length, passive_force_length, tendon_force};
 use sinew::model::path::Path;
 use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
-use sinew::solve::transcribe;
+use sinew::numerics::bspline::SplineSpace;
+use sinew::problem::QuantityId;
 use sinew::study::settings::Bounds;
-use sinew::transcription::midpoint::{Initial, Midpoint};
-use sinew::transcription::scheme::Discretisation;
+use sinew::transcription::coefficients::Coefficients;
+use sinew::transcription::midpoint::mesh;
 
 use super::support::{model, motion, prepare, settings};
 
 /// A solved arm curl: its decision vector, accessed by the names of the splines.
 struct Solved {
     x: Vec<f64>,
-    scheme: Midpoint,
+    coefficients: Coefficients,
+    coordinate: QuantityId,
+    length: QuantityId,
+    activation: QuantityId,
+    excitation: QuantityId,
+    /// Collocation points, s.
+    points: Vec<f64>,
+    /// By degree.
+    spaces: [SplineSpace; 3],
 }
 
 fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
     let table = motion("arm_curl.csv", model);
-    let (instant, scheme, measurement) = prepare(model, &table, points);
-    let problem = transcribe(&instant, &scheme, &measurement, &settings(|s| s.bounds = bounds));
-    let guess = initial_guess(&instant, &scheme, points, &measurement, Deadline::default()).unwrap();
-    let outcome = sqp::solve(&problem, guess, SqpSettings::default());
+    let settings = settings(|s| s.bounds = bounds);
+    let prepared = prepare(model, &table, &settings, points);
+    let guess = prepared.guess(Deadline::default()).unwrap();
+    let outcome = sqp::solve(&prepared.transcribe(), guess, SqpSettings::default());
     assert_eq!(outcome.status, SqpStatus::Converged);
-    Solved { x: outcome.iterate.x, scheme }
+    let (points, breakpoints) = mesh(points, table.duration());
+    let find = |name| prepared.inverse.control.find(name).unwrap();
+    Solved {
+        x: outcome.iterate.x,
+        coefficients: prepared.scheme.coefficients().clone(),
+        coordinate: find("coordinate"),
+        length: find("fibre_length"),
+        activation: find("activation"),
+        excitation: find("excitation"),
+        points,
+        spaces: [0, 1, 2].map(|degree| SplineSpace::new(degree, &breakpoints)),
+    }
 }
 
 impl Solved {
-    fn pick(&self, index: impl Fn(usize) -> usize, count: usize) -> Vec<f64> {
-        (0..count).map(|k| self.x[index(k)]).collect()
+    fn value(&self, quantity: QuantityId, i: usize, degree: usize, t: f64, derivative: usize) -> f64 {
+        let coefficient = |k| self.x[self.coefficients.index(quantity, k, i)];
+        let c: Vec<f64> = (0..self.spaces[degree].dimension()).map(coefficient).collect();
+        self.spaces[degree].value(&c, t, derivative)
     }
 
     fn coordinate(&self, i: usize, t: f64, derivative: usize) -> f64 {
-        let c = self.pick(|k| self.scheme.coordinate_index(k, i), self.scheme.coordinate.dimension());
-        self.scheme.coordinate.value(&c, t, derivative)
+        self.value(self.coordinate, i, 2, t, derivative)
     }
 
     fn length(&self, m: usize, t: f64, derivative: usize) -> f64 {
-        let c = self.pick(|k| self.scheme.length_index(k, m), self.scheme.state.dimension());
-        self.scheme.state.value(&c, t, derivative)
+        self.value(self.length, m, 1, t, derivative)
     }
 
     fn activation(&self, m: usize, t: f64, derivative: usize) -> f64 {
-        let c = self.pick(|k| self.scheme.activation_index(k, m), self.scheme.state.dimension());
-        self.scheme.state.value(&c, t, derivative)
+        self.value(self.activation, m, 1, t, derivative)
+    }
+
+    fn excitation(&self, m: usize, j: usize) -> f64 {
+        self.x[self.coefficients.index(self.excitation, j, m)]
     }
 }
 
@@ -77,7 +99,7 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
     let model = model("arm.toml");
     for bounds in [Bounds::Activation, Bounds::Excitation, Bounds::Both] {
         let solved = solve(&model, 6, bounds);
-        for (j, &t) in solved.scheme.points.iter().enumerate() {
+        for (j, &t) in solved.points.iter().enumerate() {
             let q: Vec<f64> = (0..6).map(|i| solved.coordinate(i, t, 0)).collect();
             // Joints: shoulder at the origin, elbow 0.30 m down the upper arm; points from the model file.
             let joint = |body: usize, point: [f64; 2]| {
@@ -105,7 +127,7 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
                 let path = path_length(&model, m, &q);
                 let strain = (path - muscle.optimal_fibre_length * l) / muscle.tendon_slack_length - 1.0;
                 assert!((tendon_force(strain) - force).abs() < 1e-8, "contraction of {}", muscle.name);
-                let u = solved.x[solved.scheme.excitation_index(j, m)];
+                let u = solved.excitation(m, j);
                 let rate = (u - a) * (u / 0.12 + (1.0 - u) / 0.12);
                 assert!((solved.activation(m, t, 1) - rate).abs() < 1e-7, "activation of {}", muscle.name);
                 for (i, row) in motion.iter_mut().enumerate() {
@@ -131,7 +153,7 @@ fn the_equations_as_printed_hold_at_every_collocation_point() {
         }
         // The splines start with φ.
         for m in 0..5 {
-            let phi = solved.x[solved.scheme.initial_index(Initial::Activation, m)];
+            let phi = solved.x[solved.coefficients.initial(solved.activation, 0, m)];
             assert!((phi - solved.activation(m, 0.0, 0)).abs() < 1e-9);
         }
     }
@@ -153,8 +175,7 @@ fn activation_and_fibre_length_integrated_forward_show_the_gap_between_the_point
             let mut l = solved.length(m, 0.0, 0);
             for i in 0..steps {
                 let t = (f64::from(i) + 0.5) * h;
-                let k = solved.scheme.control.basis(t, 0).first;
-                let u = solved.x[solved.scheme.excitation_index(k, m)];
+                let u = solved.excitation(m, solved.spaces[0].basis(t, 0).first);
                 a = (a + h * u / 0.12) / (1.0 + h / 0.12);
                 // Implicit Euler on eq. (3) with the solution's motion and activation. The residual falls with l, so
                 // bisect.
@@ -220,7 +241,6 @@ fn the_motion_integrated_forward_under_the_found_forces_stays_near_for_a_while()
     for points in [6, 11, 21] {
         let solved = solve(&model, points, Bounds::Both);
         let at_points: Vec<Vec<f64>> = solved
-            .scheme
             .points
             .iter()
             .map(|&t| {

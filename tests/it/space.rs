@@ -11,6 +11,7 @@ use sinew::skeleton::Girdle;
 use sinew::skeleton::file::SkeletonFile;
 
 use super::radau::forward;
+use super::support::{check_derivatives, prepare};
 
 fn model(text: &str) -> Model {
     let file: SkeletonFile = toml::from_str(text).unwrap();
@@ -301,96 +302,65 @@ fn poling(girdle: &str, more: &str) -> sinew::study::Study {
 
 #[test]
 fn equations_of_every_girdle_have_their_derivatives() {
-    use sinew::solve::{discretise, motion_settings};
-    use sinew::transcription::instant::{ACTIVATION, EXCITATION, InstantMultipliers, LENGTH};
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(41);
     for girdle in ["fixed", "prescribed", "equilibrium"] {
         let study = poling(girdle, "");
         let job = &study.jobs[0];
         let model = study.model_of(job).unwrap();
-        let motion = motion_settings(&job.settings);
-        let measurement = motion.measure(&study.motion, &model, job.points, Deadline::default()).unwrap();
-        let (instant, _) = discretise(&model, &job.settings, job.points, study.motion.duration());
-        let instant = instant.within(std::sync::Arc::new(motion.surroundings(&study.motion, &model)));
-        let (nz, rows, nm, nq) = (instant.variables(), instant.equations(), model.muscles.len(), model.coordinates());
-        let t = measurement.times[5];
-        let mut z: Vec<f64> = (0..nz).map(|_| rng.random_range(-0.2..0.2)).collect();
-        let measured = measurement.coordinates[5].iter();
-        z.iter_mut().zip(measured).for_each(|(z, q)| *z = q + rng.random_range(-0.005..0.005));
-        for m in 0..nm {
-            let at = instant.muscle(m);
-            z[at + ACTIVATION] = rng.random_range(0.1..1.0);
-            z[at + LENGTH] = rng.random_range(0.7..1.2);
-            z[at + EXCITATION] = rng.random_range(0.1..1.0);
+        let prepared = prepare(&model, &study.motion, &job.settings, job.points);
+        let (inverse, measurement) = (&prepared.inverse, &prepared.measurement);
+        let motion = &inverse.motion;
+        let mut z: Vec<f64> = (0..inverse.control.variables()).map(|_| rng.random_range(-0.2..0.2)).collect();
+        let given = inverse.control.given_at(measurement.times[5]);
+        z.iter_mut().zip(&given).filter(|(_, given)| **given != 0.0).for_each(|(z, given)| *z = *given);
+        for (at, q) in motion.q.range().zip(&measurement.coordinates[5]) {
+            z[at] = q + rng.random_range(-0.005..0.005);
         }
-        let lambda: Vec<f64> = (0..rows).map(|_| rng.random_range(-1.0..1.0)).collect();
-        let jacobian = |z: &[f64]| {
-            let (mut out, mut force) = (vec![0.0; rows * nz], vec![[0.0; 3]; nm]);
-            instant.jacobian(t, z, &mut out, &mut force);
-            out
-        };
-        let exact = jacobian(&z);
-        let mut hessian = vec![0.0; nz * nz];
-        instant.hessian(t, &z, InstantMultipliers { equations: &lambda, force: &[] }, &mut hessian);
-        let (first, second) = (instant.jacobian_pattern(), instant.hessian_pattern());
-        for j in (0..nz).filter(|j| *j < nq || j % 7 == 0 || *j >= instant.reaction(0)) {
-            let e = 1e-6;
-            let at = |s: f64| {
-                let mut y = z.clone();
-                y[j] += s;
-                let mut residual = vec![0.0; rows];
-                instant.residual(t, &y, &mut residual);
-                let slopes = jacobian(&y);
-                let gradient: Vec<f64> =
-                    (0..nz).map(|k| (0..rows).map(|i| lambda[i] * slopes[i * nz + k]).sum()).collect();
-                (residual, gradient)
-            };
-            let ((up, gradient_up), (down, gradient_down)) = (at(e), at(-e));
-            for i in 0..rows {
-                let (slope, value) = ((up[i] - down[i]) / (2.0 * e), exact[i * nz + j]);
-                // A path around two surfaces is found by alternating between them and is no more accurate than this;
-                // `lengths_of_spatial_paths_…` tests with 1e-6.
-                assert!((slope - value).abs() < 3e-5 * (1.0 + value.abs()), "{girdle} {i} {j}: {slope} {value}");
-                assert!(value == 0.0 || first.contains(&(i, j)), "{girdle}: pattern misses {i} {j}");
-            }
-            for i in 0..nz {
-                let (bend, value) = ((gradient_up[i] - gradient_down[i]) / (2.0 * e), hessian[i * nz + j]);
-                // Third derivatives of wrapped paths are themselves finite differences.
-                assert!((bend - value).abs() < 1e-4 * (1.0 + value.abs()), "{girdle} {i} {j}: {bend} {value}");
-                assert!(value == 0.0 || second.contains(&(i, j)), "{girdle}: pattern misses {i} {j}");
-            }
+        let muscles = &inverse.muscles;
+        for (span, range) in [(muscles.a, 0.1..1.0), (muscles.l, 0.7..1.2), (muscles.u, 0.1..1.0)] {
+            span.range().for_each(|at| z[at] = rng.random_range(range.clone()));
         }
+        let mut multipliers: Vec<f64> = (0..inverse.control.rows()).map(|_| rng.random_range(-1.0..1.0)).collect();
+        multipliers[inverse.control.equation_rows()..].fill(0.0);
+        let (nq, first) = (motion.q.count, motion.reactions.start);
+        let which = |j: usize| j < nq || j.is_multiple_of(7) || j >= first;
+        // A path around two surfaces is found by alternating between them and is no more accurate than this;
+        // `lengths_of_spatial_paths_…` tests with 1e-6. Third derivatives of wrapped paths are themselves finite differences.
+        check_derivatives(&inverse.control, &z, &multipliers, which, (3e-5, 1e-4));
     }
 }
 
 #[test]
 fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
-    use sinew::solve::{discretise, motion_settings, solve};
+    use sinew::prepare::motion_settings;
+    use sinew::solve::solve;
     for girdle in ["fixed", "prescribed", "equilibrium"] {
         let study = poling(girdle, "\"motion.abduction_offset_deg\" = 12.0\ntrajectories = true\n");
         let job = &study.jobs[0];
         let model = study.model_of(job).unwrap();
-        let motion = motion_settings(&job.settings);
-        let measurement = motion.measure(&study.motion, &model, 61, Deadline::default()).unwrap();
-        let (instant, _) = discretise(&model, &job.settings, job.points, study.motion.duration());
-        let instant = instant.within(std::sync::Arc::new(motion.surroundings(&study.motion, &model)));
-        let mut z = vec![0.0; instant.variables()];
+        let measurement =
+            motion_settings(&job.settings).measure(&study.motion, &model, 61, Deadline::default()).unwrap();
+        let prepared = prepare(&model, &study.motion, &job.settings, job.points);
+        let inverse = &prepared.inverse;
+        let coordinates = |t: f64, q: &[f64]| {
+            let mut all = inverse.motion.all.of(&inverse.control.given_at(t)).to_vec();
+            all[..q.len()].copy_from_slice(q);
+            all
+        };
         for (t, q) in measurement.times.iter().zip(&measurement.coordinates) {
-            z[..q.len()].copy_from_slice(q);
-            let all = instant.coordinates(*t, &z);
+            let all = coordinates(*t, q);
             model.mechanics.constraint_functions(&all, |row, _, value: f64, _, _| {
                 assert!(value.abs() < 1e-6, "{girdle}: constraint {row} is {value} at {t} s");
             });
         }
         // The requested abduction is reached, in addition to the 30 degrees of the motion.
-        z[..measurement.coordinates[0].len()].copy_from_slice(&measurement.coordinates[60]);
         let spatial = model.spatial().unwrap();
-        let reached = spatial.abduction_reached(&instant.coordinates(measurement.times[60], &z)).unwrap();
+        let reached =
+            spatial.abduction_reached(&coordinates(measurement.times[60], &measurement.coordinates[60])).unwrap();
         let plain = poling(girdle, "");
         let before =
             motion_settings(&plain.jobs[0].settings).measure(&study.motion, &model, 61, Deadline::default()).unwrap();
-        z[..before.coordinates[60].len()].copy_from_slice(&before.coordinates[60]);
-        let without = spatial.abduction_reached(&instant.coordinates(before.times[60], &z)).unwrap();
+        let without = spatial.abduction_reached(&coordinates(before.times[60], &before.coordinates[60])).unwrap();
         assert!((reached - without - 12f64.to_radians()).abs() < 1e-6, "{girdle}: {reached} {without}");
         if girdle != "equilibrium" {
             let outcome = solve(&model, &study.motion, &job.settings, job.points);

@@ -2,16 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use rand::RngExt;
 use sinew::deadline::Deadline;
 use sinew::error::SourceFile;
+use sinew::methods::InverseProblem;
 use sinew::model::Model;
 use sinew::model::file::ModelFile;
 use sinew::motion::{Measurement, MotionTable};
-use sinew::solve::motion_settings;
+use sinew::prepare::{Prepared, Task, motion_settings};
+use sinew::problem::{ControlProblem, Kind};
 use sinew::study::Study;
 use sinew::study::settings::{Scheme, Settings};
-use sinew::transcription::instant::{Form, Instant};
-use sinew::transcription::midpoint::Midpoint;
 
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -64,12 +65,9 @@ pub fn measured(settings: &Settings, model: &Model, table: &MotionTable, points:
     motion_settings(settings).measure(table, model, points, Deadline::default()).unwrap()
 }
 
-/// Measurement and scheme of a motion on `points` points.
-pub fn prepare<'m>(model: &'m Model, table: &MotionTable, points: usize) -> (Instant<'m>, Midpoint, Measurement) {
-    let measurement = measured(&settings(|_| ()), model, table, points);
-    let instant = Instant::new(model, Form::SecondOrder);
-    let scheme = Midpoint::new(&instant, points, table.duration());
-    (instant, scheme, measurement)
+/// A job before it is transcribed.
+pub fn prepare<'m>(model: &'m Model, motion: &'m MotionTable, settings: &'m Settings, points: usize) -> Prepared<'m> {
+    Prepared::new(Task { model, motion, settings, points }, Deadline::default()).unwrap()
 }
 
 /// The study for tests of the engine: fast, with two axes.
@@ -84,3 +82,67 @@ regularity = "optimum"
 mu = [0.1, 0.2, 0.4]
 bounds = ["activation", "both"]
 "#;
+
+/// The number of the muscle with this name.
+pub fn muscle(model: &Model, name: &str) -> usize {
+    model.muscles.iter().position(|muscle| muscle.name == name).unwrap()
+}
+
+/// Compares slopes and bends of all equations at z with differences, by the variables that `which` selects.
+pub fn check_derivatives(
+    control: &ControlProblem<'_>,
+    z: &[f64],
+    multipliers: &[f64],
+    which: impl Fn(usize) -> bool,
+    (slope_tolerance, bend_tolerance): (f64, f64),
+) {
+    let (nz, rows) = (control.variables(), control.rows());
+    let slopes = |z: &[f64]| {
+        let mut values = vec![0.0; control.slope_pattern().len()];
+        control.slopes(z, &mut values);
+        let mut dense = vec![0.0; rows * nz];
+        let entries = control.slope_pattern().iter().zip(values);
+        entries.for_each(|(&(row, variable), value)| dense[row * nz + variable] = value);
+        dense
+    };
+    let exact = slopes(z);
+    let mut bends = vec![0.0; control.bend_pattern().len()];
+    control.bends(z, multipliers, &mut bends);
+    let mut hessian = vec![0.0; nz * nz];
+    for (&(i, j), value) in control.bend_pattern().iter().zip(bends) {
+        (hessian[i * nz + j], hessian[j * nz + i]) = (value, value);
+    }
+    let is_given = |j: usize| control.quantity(control.read_of(j).quantity).kind == Kind::Given;
+    for j in (0..nz).filter(|&j| which(j) && !is_given(j)) {
+        let e = 1e-6;
+        let at = |s: f64| {
+            let mut y = z.to_vec();
+            y[j] += s;
+            let mut values = vec![0.0; rows];
+            control.values(&y, &mut values);
+            let slopes = slopes(&y);
+            let gradient: Vec<f64> =
+                (0..nz).map(|k| (0..rows).map(|i| multipliers[i] * slopes[i * nz + k]).sum()).collect();
+            (values, gradient)
+        };
+        let ((up, gradient_up), (down, gradient_down)) = (at(e), at(-e));
+        for i in 0..rows {
+            let (slope, value) = ((up[i] - down[i]) / (2.0 * e), exact[i * nz + j]);
+            assert!((slope - value).abs() < slope_tolerance * (1.0 + value.abs()), "{i} {j}: {slope} {value}");
+        }
+        for i in (0..nz).filter(|&i| !is_given(i)) {
+            let (bend, value) = ((gradient_up[i] - gradient_down[i]) / (2.0 * e), hessian[i * nz + j]);
+            assert!((bend - value).abs() < bend_tolerance * (1.0 + value.abs()), "{i} {j}: {bend} {value}");
+        }
+    }
+}
+
+/// Random variables at an instant, with muscles in their working range.
+pub fn random_instant(inverse: &InverseProblem<'_>, rng: &mut impl rand::Rng) -> Vec<f64> {
+    let mut z: Vec<f64> = (0..inverse.control.variables()).map(|_| rng.random_range(-0.5..0.5)).collect();
+    let muscles = &inverse.muscles;
+    for (span, range) in [(muscles.a, 0.02..1.0), (muscles.l, 0.6..1.3), (muscles.u, 0.0..1.0)] {
+        span.range().for_each(|at| z[at] = rng.random_range(range.clone()));
+    }
+    z
+}

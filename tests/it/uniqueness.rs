@@ -6,14 +6,14 @@ use sinew::nlp::polish::active;
 use sinew::nlp::regularity::analyse_dense;
 use sinew::nlp::sqp::{self, SqpSettings};
 use sinew::outcome::Outcome;
+use sinew::prepare::Task;
 use sinew::solution::Solution;
-use sinew::solve::{Task, discretise, solve, solve_from, transcribe};
+use sinew::solve::{solve, solve_from};
 use sinew::study::settings::{Bounds, RegularityMode, Scheme, Settings};
-use sinew::transcription::collocation::evaluate;
-use sinew::transcription::instant::ACTIVATION;
+use sinew::transcription::scheme::evaluate;
 use sinew::uniqueness::activation_intervals;
 
-use super::support::{measured, model, motion, settings};
+use super::support::{model, motion, prepare, settings};
 
 fn radau(change: impl FnOnce(&mut Settings)) -> Settings {
     settings(|s| {
@@ -72,25 +72,23 @@ fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction
     let wide = |m: &sinew::outcome::MuscleRow| m.mean_activation_high.unwrap() - m.mean_activation_low.unwrap();
     assert!(outcome.muscles.iter().any(|m| wide(m) > 1e-2), "{:?}", outcome.muscles);
 
-    let measurement = measured(&settings, &arm, &table, 11);
-    let (instant, scheme) = discretise(&arm, &settings, 11, table.duration());
-    let problem = transcribe(&instant, scheme.as_ref(), &measurement, &settings);
-    let guess = sinew::guess::initial_guess(&instant, scheme.as_ref(), 11, &measurement, Deadline::default()).unwrap();
+    let prepared = prepare(&arm, &table, &settings, 11);
+    let (inverse, measurement, problem) = (&prepared.inverse, &prepared.measurement, prepared.transcribe());
+    let guess = prepared.guess(Deadline::default()).unwrap();
     let iterate: Iterate = sqp::solve(&problem, guess, SqpSettings::default()).iterate;
     let rows: Vec<usize> = (0..iterate.inequalities.len()).filter(|&r| active(&iterate.inequalities)[r]).collect();
     let null = analyse_dense(&problem, &iterate, &rows).unwrap().null_directions;
-    let solution =
-        Solution { problem: &problem, scheme: scheme.as_ref(), measurement: &measurement, iterate: &iterate };
+    let solution = Solution { inverse, problem: &problem, measurement, iterate: &iterate };
     let means = solution.mean_activations();
-    let intervals = activation_intervals(&problem, &iterate, &means, &null, Default::default());
+    let intervals = activation_intervals(inverse, &problem, &iterate, &means, &null, Default::default());
     // Follow each null direction until an activation leaves 0 … 1: the mean activation stays within the interval.
     let mut reached = 0;
     for direction in null.iter().flat_map(|d| [d.clone(), d.iter().map(|v| -v).collect()]) {
         let mut length = f64::INFINITY;
-        for j in 0..problem.layout.points.len() {
-            let (z, dz) = (problem.local(j, &iterate.x), problem.local(j, &direction));
-            for m in 0..arm.muscles.len() {
-                let (a, da) = (z[instant.muscle(m) + ACTIVATION], dz[instant.muscle(m) + ACTIVATION]);
+        for j in 0..problem.points.len() {
+            let (z, dz) = (problem.local(j, &iterate.x), problem.local_change(j, &direction));
+            for at in inverse.muscles.a.range() {
+                let (a, da) = (z[at], dz[at]);
                 let room = if da > 0.0 { (1.0 - a).max(0.0) / da } else { a.max(0.0) / -da };
                 length = if da.abs() > 1e-9 { length.min(room) } else { length };
             }

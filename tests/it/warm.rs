@@ -1,9 +1,12 @@
 //! Starts from the answers of other jobs.
 
-use sinew::solve::{Task, discretise, solve, solve_from, transcribe};
+use sinew::prepare::Task;
+use sinew::solve::{solve, solve_from};
 use sinew::study::settings::{RegularityMode, Scheme, WarmStart};
 
-use super::support::{measured, model, motion, settings};
+use sinew::transcription::scheme::evaluate;
+
+use super::support::{model, motion, prepare, settings};
 
 /// The points of a mesh with half the step contain the old points; there, the start has the old values.
 #[test]
@@ -15,23 +18,22 @@ fn an_answer_is_prolonged_exactly() {
             (s.scheme, s.stages, s.h, s.regularity) = (scheme, stages, 0.1, RegularityMode::Off);
         });
         let (outcome, answer) = solve_from(Task { model: &arm, motion: &table, settings: &settings, points: 11 }, None);
-        let (instant, same) = discretise(&arm, &settings, 11, table.duration());
-        let problem = transcribe(&instant, same.as_ref(), &measured(&settings, &arm, &table, 11), &settings);
+        let same = prepare(&arm, &table, &settings, 11);
+        let problem = same.transcribe();
         let answer = answer.unwrap();
-        let start = answer.start(&problem, same.as_ref());
+        let start = answer.start(&same.inverse, &problem);
         // On its own mesh, the answer reproduces its solution, including the multipliers.
         let again = sinew::nlp::sqp::solve(&problem, start, Default::default());
         assert!(again.iterations() <= 2, "{scheme:?} {stages}: {} iterations", again.iterations());
         assert!((again.iterate.objective - outcome.job.objective.unwrap()).abs() < 1e-9);
 
         if scheme == Scheme::Radau {
-            let (instant, fine) = discretise(&arm, &settings, 21, table.duration());
-            let problem = transcribe(&instant, fine.as_ref(), &measured(&settings, &arm, &table, 21), &settings);
-            let x = answer.start(&problem, fine.as_ref()).x;
+            let fine = prepare(&arm, &table, &settings, 21);
+            let x = answer.start(&fine.inverse, &fine.transcribe()).x;
             for k in 0..=40 {
                 let t = 0.025 * f64::from(k);
                 for m in 0..arm.muscles.len() {
-                    let fine = sinew::transcription::collocation::evaluate(&fine.activation_at(t, m), &x);
+                    let fine = evaluate(&fine.inverse.activation_at(fine.scheme.as_ref(), t, m), &x);
                     let coarse = answer.activation(t, m);
                     assert!((fine - coarse).abs() < 1e-12, "{t} {fine} {coarse}");
                 }
