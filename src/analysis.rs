@@ -133,6 +133,7 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
             ..solution.job_row()
         },
         muscles: solution.muscle_rows(),
+        reserves: solution.reserve_rows(),
         ..Outcome::default()
     };
     if settings.trajectories {
@@ -164,7 +165,7 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
 fn add_ranks(
     outcome: &mut Outcome,
     context: &SolvedProblem<'_>,
-    counter: &mut RankCounter,
+    counter: &mut RankCounter<'_>,
     solution: &Solution<'_>,
     ranked_at: &Iterate,
     converged: bool,
@@ -233,7 +234,7 @@ fn optima(
     inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     reached: &[Optimum],
-    mut counter: Option<&mut RankCounter>,
+    mut counter: Option<&mut RankCounter<'_>>,
     lowest: Option<(i64, i64)>,
 ) -> Vec<OptimumRow> {
     let mut reached: Vec<&Optimum> = reached.iter().collect();
@@ -304,7 +305,7 @@ fn active_rows(problem: &Collocation<'_>, iterate: &Iterate) -> (Vec<usize>, Vec
 fn iteration_rows(
     problem: &Collocation<'_>,
     run: &SqpOutcome,
-    mut counter: Option<&mut RankCounter>,
+    mut counter: Option<&mut RankCounter<'_>>,
 ) -> Vec<IterationRow> {
     let solution = &run.iterate.x;
     run.trace
@@ -335,7 +336,7 @@ fn iteration_rows(
 /// Ranks at a polished point, with the deficiencies predicted from the pattern of active bounds; the singular values
 /// around the tolerance; and the null directions. `None` if the ranks cannot be computed.
 fn regularity_rows(
-    counter: &mut RankCounter,
+    counter: &mut RankCounter<'_>,
     inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     point: &Iterate,

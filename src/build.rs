@@ -4,19 +4,23 @@
 use std::path::{Path, PathBuf};
 
 /// Paths under `src/` that determine the numerical results of a job.
-const SOURCES: [&str; 17] = [
+const SOURCES: [&str; 21] = [
     "analysis.rs",
     "deadline.rs",
     "guess.rs",
     "mesh_error.rs",
+    "methods",
     "model",
     "motion",
     "nlp",
     "numerics",
     "plausibility.rs",
+    "prepare.rs",
+    "problem",
     "skeleton",
-    "solution.rs",
+    "solution",
     "solve.rs",
+    "starts.rs",
     "study/change.rs",
     "study/settings.rs",
     "transcription",

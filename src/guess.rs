@@ -44,6 +44,8 @@ pub struct Guess<'g> {
     activations: Vec<Vec<f64>>,
     /// By instant, then reaction, in units of the total weight.
     reactions: Vec<Vec<f64>>,
+    /// By instant, then actuator.
+    controls: Vec<Vec<f64>>,
 }
 
 impl<'g> Guess<'g> {
@@ -67,11 +69,11 @@ impl<'g> Guess<'g> {
 
         let mut lengths = vec![Vec::new(); model.muscles.len()];
         let mut forces = vec![Vec::new(); model.muscles.len()];
-        let mut reactions = Vec::new();
+        let (mut reactions, mut controls) = (Vec::new(), Vec::new());
         for &t in &times {
             let at =
                 |derivative| -> Vec<f64> { coordinates.iter().map(|c| coordinate.value(c, t, derivative)).collect() };
-            let (force, reaction) = distribute_load(inverse, t, [&at(0), &at(1), &at(2)], deadline)?;
+            let Loads { force, reaction, control } = distribute_load(inverse, t, [&at(0), &at(1), &at(2)], deadline)?;
             let q = all_coordinates(inverse, t, &at(0));
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let mut path = muscle.path.buffer();
@@ -82,6 +84,7 @@ impl<'g> Guess<'g> {
                 forces[m].push(force[m]);
             }
             reactions.push(reaction);
+            controls.push(control);
         }
 
         let (mut length_splines, mut activation_splines) = (Vec::new(), Vec::new());
@@ -110,9 +113,10 @@ impl<'g> Guess<'g> {
             lengths: length_splines,
             activations: activation_splines,
             reactions,
+            controls,
         };
         let coefficients = guess.coordinates.iter().chain(&guess.lengths).chain(&guess.activations);
-        coefficients.chain(&guess.reactions).flatten().all(|v| v.is_finite()).then_some(guess)
+        coefficients.chain(&guess.reactions).chain(&guess.controls).flatten().all(|v| v.is_finite()).then_some(guess)
     }
 }
 
@@ -129,10 +133,11 @@ impl Guess<'_> {
         self.inverse.model.muscles[m].excitation(a, rate).clamp(0.0, 1.0)
     }
 
-    fn reaction(&self, t: f64, c: usize) -> f64 {
+    /// Between values at the instants.
+    fn interpolated(&self, values: &[Vec<f64>], t: f64, i: usize) -> f64 {
         let after = self.times.partition_point(|&at| at < t).clamp(1, self.times.len() - 1);
         let share = (t - self.times[after - 1]) / (self.times[after] - self.times[after - 1]);
-        (1.0 - share) * self.reactions[after - 1][c] + share * self.reactions[after][c]
+        (1.0 - share) * values[after - 1][i] + share * values[after][i]
     }
 }
 
@@ -151,7 +156,9 @@ impl Trajectory for Guess<'_> {
         } else if quantity == muscles.excitation {
             self.excitation(t, member)
         } else if quantity == motion.reaction {
-            self.reaction(t, member)
+            self.interpolated(&self.reactions, t, member)
+        } else if self.inverse.actuators.first().is_some_and(|actuator| quantity == actuator.quantity) {
+            self.interpolated(&self.controls, t, member)
         } else {
             0.0
         }
@@ -195,14 +202,24 @@ fn all_coordinates(inverse: &InverseProblem<'_>, t: f64, q: &[f64]) -> Vec<f64> 
     all
 }
 
-/// Normalised tendon forces, and reactions in units of the total weight, that minimise ‖a‖² at one instant, for the
-/// motion `[q, q̇, q̈]`. `None` if the programme fails or the deadline passes.
+/// The loads at one instant.
+struct Loads {
+    /// Normalised tendon forces.
+    force: Vec<f64>,
+    /// In units of the total weight.
+    reaction: Vec<f64>,
+    /// Of actuators.
+    control: Vec<f64>,
+}
+
+/// The loads that minimise ‖a‖², and the squared controls of actuators, for the motion `[q, q̇, q̈]`. `None` if the
+/// programme fails or the deadline passes.
 fn distribute_load(
     inverse: &InverseProblem<'_>,
     t: f64,
     [q, velocity, acceleration]: [&[f64]; 3],
     deadline: Deadline,
-) -> Option<(Vec<f64>, Vec<f64>)> {
+) -> Option<Loads> {
     if deadline.passed() {
         return None;
     }
@@ -240,11 +257,18 @@ fn distribute_load(
         }
     });
     (0..nq).for_each(|i| columns.push((i, nm + nc + i, 1.0)));
-    let n = nm + nc + nq;
+    let first = nm + nc + nq;
+    for (k, actuator) in inverse.actuators.iter().enumerate() {
+        let gradient = actuator.joint.coordinate_value(all).gradient;
+        let slots = actuator.joint.slots().into_iter().zip(gradient);
+        columns.extend(slots.filter_map(|(slot, g)| Some((slot?, first + k, -actuator.moment / weight * g))));
+    }
+    let n = first + inverse.actuators.len();
     let equalities = Sparse::from_triplets(nq, n, &columns);
     let mut diagonal: Vec<(usize, usize, f64)> = (0..nm).map(|m| (m, m, 1.0)).collect();
     diagonal.extend((nm..nm + nc).map(|i| (i, i, 1e-9)));
-    diagonal.extend((nm + nc..n).map(|i| (i, i, VIOLATION_PENALTY)));
+    diagonal.extend((nm + nc..first).map(|i| (i, i, VIOLATION_PENALTY)));
+    diagonal.extend(inverse.actuators.iter().enumerate().map(|(k, actuator)| (first + k, first + k, actuator.weight)));
     let hessian = Sparse::from_triplets(n, n, &diagonal);
     let limits: Vec<(usize, usize, f64)> = (0..nm).flat_map(|m| [(m, m, 1.0), (nm + m, m, -1.0)]).collect();
     let inequalities = Sparse::from_triplets(2 * nm, n, &limits);
@@ -261,7 +285,12 @@ fn distribute_load(
     .solve()
     .ok()?;
     let forces = bounds.iter().zip(&solution.step).map(|((low, high), a)| low + (high - low) * a.clamp(0.0, 1.0));
-    Some((forces.collect(), solution.step[nm..nm + nc].to_vec()))
+    let controls = inverse.actuators.iter().zip(&solution.step[first..]);
+    Some(Loads {
+        force: forces.collect(),
+        reaction: solution.step[nm..nm + nc].to_vec(),
+        control: controls.map(|(actuator, r)| r.clamp(actuator.bounds[0], actuator.bounds[1])).collect(),
+    })
 }
 
 /// (f_t0, f_t1) of each muscle: normalised tendon forces at zero and at full activation, for zero tendon velocity.

@@ -67,6 +67,8 @@ pub struct Outcome {
     pub regularity: Option<RegularityRow>,
     pub iterations: Vec<IterationRow>,
     pub muscles: Vec<MuscleRow>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reserves: Vec<ReserveRow>,
     pub spectrum: Vec<SpectrumRow>,
     pub sensitivities: Vec<SensitivityRow>,
     pub optima: Vec<OptimumRow>,
@@ -136,6 +138,10 @@ pub struct JobRow {
     pub objective: Option<f64>,
     /// ∫Σa² dt, s
     pub effort: Option<f64>,
+    /// ∫Σr² dt over reserves and actuators, s
+    pub actuator_effort: Option<f64>,
+    /// ∫Σu² dt over excitations and the controls of reserves and actuators, s
+    pub control_effort: Option<f64>,
     /// Estimated discretisation error of the effort, computed minus exact, s
     pub effort_mesh_error: Option<f64>,
     pub tracking_rms_m: Option<f64>,
@@ -182,6 +188,8 @@ impl JobRow {
             factorisations: None,
             objective: None,
             effort: None,
+            actuator_effort: None,
+            control_effort: None,
             effort_mesh_error: None,
             tracking_rms_m: None,
             tracking_rms_deg: None,
@@ -317,6 +325,23 @@ pub struct MuscleRow {
     /// Share of inner points at which the fibre velocity changes from rising to falling or back.
     pub direction_changes: f64,
     pub peak_fibre_velocity_per_s: f64,
+}
+
+/// A reserve or another actuator of a job, at a joint coordinate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ReserveRow {
+    pub coordinate: String,
+    /// Name of the actuator; of a reserve that of its coordinate.
+    pub actuator: String,
+    pub is_reserve: bool,
+    /// Of a moment, N m.
+    pub peak_moment_n_m: Option<f64>,
+    pub rms_moment_n_m: Option<f64>,
+    /// Of a force, N.
+    pub peak_force_n: Option<f64>,
+    pub rms_force_n: Option<f64>,
+    /// Peak relative to the peak of the net joint moment or force.
+    pub share: Option<f64>,
 }
 
 /// One of the optima found by the starts of a job, the lowest first.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::model::Model;
 use crate::motion::{MotionTable, low_pass};
-use crate::outcome::{JobRow, MuscleRow};
+use crate::outcome::{JobRow, MuscleRow, Outcome, ReserveRow};
 use crate::study::settings::Settings;
 
 /// A kind of warning: its code, the quantity that it checks with the names of its limits, and what to do about it.
@@ -17,7 +17,7 @@ pub struct WarningKind {
 }
 
 /// All kinds of warning.
-pub const WARNING_KINDS: [WarningKind; 8] = [
+pub const WARNING_KINDS: [WarningKind; 9] = [
     WarningKind {
         code: "tracking",
         limit: "tracking error above warn.tracking_deg (2°) or warn.tracking_mm (10 mm), RMS",
@@ -64,6 +64,13 @@ pub const WARNING_KINDS: [WarningKind; 8] = [
         remedy: "with scheme = \"midpoint\", fibre velocities ring: use radau; otherwise check the motion and \
                  the muscle's lengths",
     },
+    WarningKind {
+        code: "reserves",
+        limit: "peak of a reserve above warn.reserves (0.05) times that of the net joint moment (Hicks et al., J Biomech \
+                Eng 137, 2015)",
+        remedy: "the muscles do not carry the load: check their strength and paths; a smaller `reserves` or a larger \
+                 `reserve_weight` makes reserves dearer",
+    },
 ];
 
 /// Limits for the warnings: `warn.…` in a study.
@@ -94,6 +101,16 @@ pub struct Limits {
     pub mesh: f64,
     /// Fibre velocity, optimal fibre lengths per second.
     pub fibre_velocity: f64,
+    /// Peak of a reserve relative to that of the net joint moment.
+    #[serde(skip_serializing_if = "is_default_share")]
+    pub reserves: f64,
+}
+
+const RESERVE_SHARE: f64 = 0.05;
+
+/// The default is not part of a job's identity; otherwise the ids of older jobs would change.
+fn is_default_share(share: &f64) -> bool {
+    *share == RESERVE_SHARE
 }
 
 impl Default for Limits {
@@ -111,13 +128,14 @@ impl Default for Limits {
             turn_rad: std::f64::consts::TAU,
             mesh: 0.05,
             fibre_velocity: 20.0,
+            reserves: RESERVE_SHARE,
         }
     }
 }
 
 impl Limits {
     /// Names of the limits in a study, after `warn.`.
-    pub const NAMES: [&str; 12] = [
+    pub const NAMES: [&str; 13] = [
         "tracking_deg",
         "tracking_mm",
         "saturated",
@@ -130,6 +148,7 @@ impl Limits {
         "turn_rad",
         "mesh",
         "fibre_velocity",
+        "reserves",
     ];
 
     /// The limit called `name`.
@@ -147,6 +166,7 @@ impl Limits {
             "turn_rad" => &mut self.turn_rad,
             "mesh" => &mut self.mesh,
             "fibre_velocity" => &mut self.fibre_velocity,
+            "reserves" => &mut self.reserves,
             _ => return None,
         })
     }
@@ -168,8 +188,9 @@ const MIN_FORCE_SHARE: f64 = 0.01;
 /// An excess of an activation or excitation over 1 up to this is rounding error.
 const ROUNDING_ERROR: f64 = 1e-6;
 
-/// The warnings on a converged job. `muscles` are in the order of the model's muscles.
-pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &Settings) -> Vec<Warning> {
+/// The warnings on a converged job.
+pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<Warning> {
+    let (job, muscles) = (&outcome.job, &outcome.muscles);
     let limits = &settings.warn;
     let mut warnings = Vec::new();
     let mut warn = |code: &'static str, found: String| warnings.push(Warning { code, found });
@@ -226,7 +247,21 @@ pub fn of_answer(job: &JobRow, muscles: &[MuscleRow], model: &Model, settings: &
         warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths per second", row.muscle));
     }
     warnings.extend(mesh_warning(job, muscles, model, limits.mesh));
+    warnings.extend(reserve_warning(&outcome.reserves, limits.reserves));
     warnings
+}
+
+/// The warning on reserves that carry more of the load than rounding off needs.
+fn reserve_warning(reserves: &[ReserveRow], limit: f64) -> Option<Warning> {
+    let beyond = reserves.iter().filter(|row| row.is_reserve && row.share.is_some_and(|share| share > limit));
+    let words: Vec<String> = beyond
+        .map(|row| {
+            let (peak, unit) = row.peak_moment_n_m.map_or((row.peak_force_n, "N"), |peak| (Some(peak), "N m"));
+            let share = 100.0 * row.share.unwrap_or(0.0);
+            format!("{}: up to {:.2} {unit}, {share:.0} % of the net load", row.coordinate, peak.unwrap_or(0.0))
+        })
+        .collect();
+    (!words.is_empty()).then(|| Warning { code: "reserves", found: words.join(", ") })
 }
 
 /// The warning on the discretisation error: of the effort, and of the mean force with the largest relative error.

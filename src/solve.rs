@@ -160,7 +160,7 @@ fn in_time(deadline: Deadline) -> Result<(), Failure> {
 /// Adds the warnings about the motion and the answer; their texts follow the existing remark.
 fn warn(outcome: &mut Outcome, motion: Option<Warning>, model: &Model, settings: &Settings) {
     let mut warnings = Vec::from_iter(motion);
-    let found = plausibility::of_answer(&outcome.job, &outcome.muscles, model, settings);
+    let found = plausibility::of_answer(outcome, model, settings);
     // A job that has not converged has no answer to warn about, but its fibres may show why it failed.
     let may_explain_failure = |warning: &Warning| ["passive", "fibre_length"].contains(&warning.code);
     warnings.extend(found.into_iter().filter(|w| outcome.job.status == Status::Converged || may_explain_failure(w)));

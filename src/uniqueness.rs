@@ -9,7 +9,7 @@ use crate::model::Model;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::{Kkt, KktValues, Rows};
 use crate::nlp::polish::active;
-use crate::nlp::problem::{Curvature, Problem};
+use crate::nlp::problem::{Curvature, Problem, objective_rows};
 use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::sparse::Sparse;
 use crate::outcome::SensitivityRow;
@@ -88,7 +88,7 @@ impl OptimalSet {
             equal.extend(entries.map(|(row, column, slot)| (place[row], column, matrix.values[slot])));
         };
         stack(&iterate.equality_jacobian, &|_| true);
-        stack(problem.residual_jacobian(), &|_| true);
+        stack(&objective_rows(problem, &iterate.x), &|_| true);
         stack(&iterate.inequality_jacobian, &|row| kept[row]);
         let equalities = Sparse::from_triplets(rows, n, &equal);
         let mut slack = Vec::new();
@@ -234,13 +234,17 @@ pub fn parameters(
     let (n, me) = (iterate.x.len(), iterate.equalities.len());
     let mut parameters = Vec::new();
     if mu > 0.0 {
-        // J_s = μ R, so that ∇(½‖J_s x‖²) = μ² RᵀR x.
+        // All goals but tracking have the factor μ².
         let jacobian = problem.residual_jacobian();
         let mut residual = vec![0.0; jacobian.rows];
         jacobian.add_product(1.0, &iterate.x, &mut residual);
         residual[problem.objective.rows("tracking")].fill(0.0);
         let mut gradient = vec![0.0; n];
         jacobian.add_transpose_product(2.0 / mu, &residual, &mut gradient);
+        if let Some(term) = problem.term() {
+            let slopes: Vec<f64> = term.parts(&iterate.x).iter().map(|part| part[1]).collect();
+            term.functions().add_transpose_product(2.0 / mu, &slopes, &mut gradient);
+        }
         parameters.push(Parameter { name: "mu".to_owned(), value: mu, gradient, equalities: vec![0.0; me] });
     }
     let rows = problem.equality_names();

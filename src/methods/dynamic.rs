@@ -5,17 +5,18 @@
 
 use std::sync::Arc;
 
-use super::{InverseProblem, MotionVariables, MuscleVariables};
+use super::{Drive, InverseProblem, MotionVariables, MuscleVariables};
 use crate::model::Model;
 use crate::motion::{Measurement, Surroundings};
 use crate::problem::blocks::activation::Activation;
 use crate::problem::blocks::contraction::Contraction;
 use crate::problem::blocks::equation_of_motion::EquationOfMotion;
 use crate::problem::blocks::joints::Joints;
+use crate::problem::blocks::reserve::Reserve;
 use crate::problem::blocks::stabilisation::Stabilisation;
 use crate::problem::{Bounded, Builder, Goal, Kind, QuantityId, Span, goals};
 use crate::study::settings::{BoundKind, Initial, LoadSharingGrid, Scheme, Settings};
-use crate::transcription::scheme::Discretisation;
+use crate::transcription::scheme::{Discretisation, gauss};
 
 /// The problem of a model with these settings.
 pub fn dynamic<'m>(model: &'m Model, settings: &Settings, surroundings: &Arc<Surroundings>) -> InverseProblem<'m> {
@@ -25,6 +26,7 @@ pub fn dynamic<'m>(model: &'m Model, settings: &Settings, surroundings: &Arc<Sur
     let equations = Equations::declare(&mut problem, &quantities, model);
     add_motion(&mut problem, model, &variables, &equations);
     let contractions = add_muscles(&mut problem, model, &variables, &equations, settings);
+    let actuators = add_actuators(&mut problem, model, &variables, &equations, settings);
     add_limits(&mut problem, model, &variables, &equations, settings);
     if settings.initial == Initial::Equilibrium {
         // The fibre of a rigid tendon follows the coordinates.
@@ -59,6 +61,7 @@ pub fn dynamic<'m>(model: &'m Model, settings: &Settings, surroundings: &Arc<Sur
             contraction: equations.contraction,
         },
         contractions,
+        actuators,
     }
 }
 
@@ -209,9 +212,7 @@ fn add_muscles<'m>(
     equations: &Equations,
     settings: &Settings,
 ) -> Vec<Contraction<'m>> {
-    // As the objective weighs activations, and of the size that converges best for small μ.
-    let step_weight = 2.5 * settings.mu.max(1e-2).powi(2);
-    let weight = model.weight();
+    let (step_weight, weight) = (step_weight(settings), model.weight());
     let mut contractions = Vec::new();
     for (m, muscle) in model.muscles.iter().enumerate() {
         let (activation, excitation) = (variables.a.at(m), variables.u.at(m));
@@ -243,6 +244,56 @@ fn add_muscles<'m>(
     contractions
 }
 
+/// Actuators of the model, and reserves. They are one more quantity, if there are any.
+fn add_actuators<'m>(
+    problem: &mut Builder<'m>,
+    model: &'m Model,
+    variables: &Variables,
+    equations: &Equations,
+    settings: &Settings,
+) -> Vec<Drive<'m>> {
+    let Some(planar) = model.planar() else { return Vec::new() };
+    let own = model.actuators.iter().map(|a| (a.coordinate.as_str(), a.name.as_str(), a.optimal_force, a.control, 1.0));
+    let free = [f64::NEG_INFINITY, f64::INFINITY];
+    let reserves = (planar.joint_coordinates())
+        .map(|(_, name)| (name, name, settings.reserve(name), free, settings.reserve_weight))
+        .filter(|(_, _, moment, ..)| *moment > 0.0);
+    let all: Vec<_> = own.chain(reserves).collect();
+    if all.is_empty() {
+        return Vec::new();
+    }
+    let names = all.iter().map(|(_, name, ..)| (*name).to_owned()).collect();
+    let quantity = problem.quantity("actuator", names, Kind::Control);
+    let controls = problem.read(quantity, 0);
+    let weight = model.weight();
+    let mut drives = Vec::new();
+    for (member, (coordinate, name, moment, bounds, cost)) in all.into_iter().enumerate() {
+        let mut joints = planar.joint_coordinates().filter(|(_, known)| *known == coordinate);
+        let (joint, _) = joints.next().expect("checked with the model");
+        let control = controls.at(member);
+        problem.block(Reserve {
+            joint,
+            strength: moment / weight,
+            coordinates: variables.all,
+            control,
+            motion: equations.motion,
+            step_weight: step_weight(settings),
+        });
+        let limits = [("control", Bounded::Below(control)), ("control_upper", Bounded::Above(control))];
+        for ((limit, bounded), bound) in limits.into_iter().zip(bounds).filter(|(_, bound)| bound.is_finite()) {
+            problem.limit(limit, name, bounded, bound);
+        }
+        let (name, is_reserve) = (name.to_owned(), member >= model.actuators.len());
+        drives.push(Drive { name, is_reserve, joint, moment, bounds, weight: cost, quantity, member, control });
+    }
+    drives
+}
+
+/// Weight of a step in activation relative to one in q: as the objective weighs activations, but not too small.
+fn step_weight(settings: &Settings) -> f64 {
+    2.5 * settings.mu.max(1e-2).powi(2)
+}
+
 fn add_limits(
     problem: &mut Builder<'_>,
     model: &Model,
@@ -265,16 +316,17 @@ fn add_limits(
     }
 }
 
-/// The instants of the load-sharing grid, s.
-pub fn load_sharing_instants<'t>(
-    scheme: &'t dyn Discretisation,
-    measurement: &'t Measurement,
-    settings: &Settings,
-) -> &'t [f64] {
-    match settings.load_sharing_grid {
+/// Where efforts are taken: times (s) and weights. Of the thesis' sum of squares the load-sharing grid with weights of 1; of
+/// another power the instants and weights (s) of a quadrature.
+pub fn effort_instants(scheme: &dyn Discretisation, measurement: &Measurement, settings: &Settings) -> Vec<(f64, f64)> {
+    if settings.effort_power != 2.0 {
+        return gauss(scheme.breakpoints()).collect();
+    }
+    let times = match settings.load_sharing_grid {
         LoadSharingGrid::Measurement => &measurement.times,
         LoadSharingGrid::Collocation => scheme.points(),
-    }
+    };
+    times.iter().map(|&t| (t, 1.0)).collect()
 }
 
 /// The objective: tracking, and with μ > 0 effort.
@@ -289,8 +341,13 @@ pub fn goals(
     let mut all =
         vec![goals::tracking(inverse.motion.coordinate, &measurement.times, &measurement.coordinates, &weights)];
     if settings.mu > 0.0 {
-        let instants = load_sharing_instants(scheme, measurement, settings);
-        all.push(goals::effort(inverse.muscles.activation, model.muscles.len(), instants, settings.mu));
+        let instants = effort_instants(scheme, measurement, settings);
+        let (activation, muscles) = (inverse.muscles.activation, model.muscles.len());
+        all.push(goals::effort(activation, muscles, &instants, settings.mu, settings.effort_power));
+        if let Some(drive) = inverse.actuators.first() {
+            let weights: Vec<f64> = inverse.actuators.iter().map(|drive| settings.mu * drive.weight.sqrt()).collect();
+            all.push(goals::reserve_use(drive.quantity, &weights, &instants));
+        }
     }
     all
 }

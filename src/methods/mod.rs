@@ -5,7 +5,7 @@ pub mod prediction;
 
 pub use dynamic::dynamic;
 
-use crate::model::Model;
+use crate::model::{Joint, Model};
 use crate::problem::blocks::contraction::Contraction;
 use crate::problem::{ControlProblem, QuantityId, Span};
 use crate::transcription::scheme::{Combination, Discretisation};
@@ -18,6 +18,27 @@ pub struct InverseProblem<'m> {
     pub muscles: MuscleVariables,
     /// Eq. (3) of each muscle.
     pub contractions: Vec<Contraction<'m>>,
+    pub actuators: Vec<Drive<'m>>,
+}
+
+/// A reserve, or an actuator of the model, at a joint coordinate.
+#[derive(Clone, Debug)]
+pub struct Drive<'m> {
+    /// Of a reserve that of its coordinate.
+    pub name: String,
+    pub is_reserve: bool,
+    /// The joint whose coordinate it drives.
+    pub joint: &'m Joint,
+    /// Moment (N m) or force (N) at a control of 1.
+    pub moment: f64,
+    /// Bounds on its control.
+    pub bounds: [f64; 2],
+    /// Weight of its squared control relative to squared activations.
+    pub weight: f64,
+    pub quantity: QuantityId,
+    pub member: usize,
+    /// Its control among the variables.
+    pub control: usize,
 }
 
 /// The motion: quantities, variables at an instant, equations.

@@ -17,14 +17,14 @@
 //! - Per muscle, those bounds' rows − their rank. An idle muscle gives p − 1 at midpoint, s (p − 1) with radau.
 //! - + the dependent joint constraints at every point: of Φ, and in the stabilised form of Φ and Φ_q v together.
 //!
-//! With μ = 0 and no bound active, [Aᵀ Jᵀ] has `2 nm − (linear rows on l) + P (nm + nc − nq)` + the dependent joint constraints, P the number
+//! With μ = 0 and no bound active, [Aᵀ Jᵀ] has `2 nm − (linear rows on l) + P (nm + nr + nc − nq)` + the dependent joint constraints, P the number
 //! of complete points, and with radau `nq − nc` more: the velocity at t_1 is not tracked and acts on the first forces only. With active
 //! bounds no count is given.
 
 use faer::Mat;
 
 use super::InverseProblem;
-use super::dynamic::load_sharing_instants;
+use super::dynamic::effort_instants;
 use crate::motion::Measurement;
 use crate::numerics::rank;
 use crate::problem::Bounded;
@@ -55,8 +55,8 @@ impl Setting {
         measurement: &Measurement,
         settings: &Settings,
     ) -> Self {
-        let instants = load_sharing_instants(scheme, measurement, settings);
-        let rows = |m| instants.iter().map(|&t| inverse.activation_at(scheme, t, m)).collect();
+        let instants = effort_instants(scheme, measurement, settings);
+        let rows = |m| instants.iter().map(|&(t, _)| inverse.activation_at(scheme, t, m)).collect();
         let muscles = if settings.mu > 0.0 { inverse.muscles.a.count } else { 0 };
         Self {
             sharing: (0..muscles).map(rows).collect(),
@@ -116,7 +116,7 @@ pub fn predict(
         let muscles = model.muscles.len();
         let linear: usize = (0..muscles).map(|m| linear_rows_on_length(inverse, problem, m).len()).sum();
         // nm + nc − nq may be negative for a model with fewer muscles than degrees of freedom.
-        let spare = (muscles + model.constraints()).saturating_sub(model.coordinates());
+        let spare = (muscles + inverse.actuators.len() + model.constraints()).saturating_sub(model.coordinates());
         let complete = problem.points.iter().filter(|point| point.complete).count();
         let start = match inverse.motion.joint_velocities {
             None => 0,

@@ -54,6 +54,16 @@ impl Planar {
         Err(CannotAssemble { gap, joints, slope })
     }
 
+    /// The motions (a column each, nq rows) in which one joint coordinate changes at a rate of 1 and all others stay. `None`
+    /// if joints that close a loop allow none.
+    pub fn coordinate_directions(&self, q: &[f64]) -> Option<DMatrix<f64>> {
+        let count = self.joint_coordinates().count();
+        let (_, jacobian) = self.conditions(q, Some(&vec![Some(0.0); count]));
+        let constraints = self.constraints();
+        let inverse = (jacobian.is_square()).then(|| jacobian.try_inverse())??;
+        Some(inverse.columns(constraints, count).into_owned())
+    }
+
     /// Levenberg–Marquardt on the conditions, in place, until they hold or cannot be reduced any more.
     fn reduce(&self, q: &mut Vec<f64>, given: Option<&[Option<f64>]>) {
         let (mut value, mut jacobian) = self.conditions(q, given);

@@ -5,7 +5,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::Model;
 use super::body::{Body, ExternalForce, Place};
 use super::curves::ForceVelocity;
 use super::joint::{Joint, JointKind};
@@ -13,6 +12,7 @@ use super::mechanics::Mechanics;
 use super::musculotendon::Musculotendon;
 use super::path::{Path, StraightPath};
 use super::planar::Planar;
+use super::{Actuator, Model};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 use crate::names;
 
@@ -41,6 +41,9 @@ pub struct ModelFile {
     /// Constant external forces.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
+    /// Actuators that are no muscles.
+    #[serde(default)]
+    pub actuator: Vec<ActuatorEntry>,
 }
 
 fn earth() -> [f64; 2] {
@@ -195,6 +198,53 @@ pub struct ForceEntry {
     pub moment: f64,
 }
 
+/// An actuator at a joint coordinate, such as a motor or a residual actuator.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorEntry {
+    /// Name of the actuator.
+    pub name: String,
+    /// The joint coordinate that it drives.
+    pub coordinate: String,
+    /// Moment or force at a control of 1, N m or N.
+    pub optimal_force: f64,
+    /// Lower bound on its control; none by default.
+    pub min_control: Option<f64>,
+    /// Upper bound on its control; none by default.
+    pub max_control: Option<f64>,
+}
+
+impl ActuatorEntry {
+    /// Checks the entry against the joint coordinates of the model.
+    ///
+    /// # Errors
+    /// If a number is out of range or the coordinate unknown.
+    pub fn check<'c>(
+        &self,
+        coordinates: impl Iterator<Item = &'c str> + Clone,
+    ) -> std::result::Result<Actuator, Issue> {
+        let key = |key| ["actuator", self.name.as_str(), key];
+        positive(&key("optimal_force"), self.optimal_force, "N m or N")?;
+        let control = [self.min_control.unwrap_or(f64::NEG_INFINITY), self.max_control.unwrap_or(f64::INFINITY)];
+        if !(control[0] < control[1]) {
+            let found = format!("found controls from {} to {}", control[0], control[1]);
+            return Err(Issue::new(&key("min_control"), found, "the lower bound must be below the upper one"));
+        }
+        if !coordinates.clone().any(|name| name == self.coordinate) {
+            let near = nearest(&self.coordinate, coordinates.clone()).map(|n| format!("did you mean `{n}`? "));
+            let all = coordinates.collect::<Vec<_>>().join(", ");
+            let help = format!("{}the model has: {all}", near.unwrap_or_default());
+            return Err(Issue::new(&key("coordinate"), format!("no joint coordinate `{}`", self.coordinate), help));
+        }
+        Ok(Actuator {
+            name: self.name.clone(),
+            coordinate: self.coordinate.clone(),
+            optimal_force: self.optimal_force,
+            control,
+        })
+    }
+}
+
 impl ModelFile {
     /// The JSON Schema of a planar model file.
     pub fn schema() -> serde_json::Value {
@@ -238,6 +288,7 @@ impl ModelFile {
         mistakes.take(unique("joint", self.joint.iter().map(|j| j.name.as_str())));
         mistakes.take(unique("muscle", self.muscle.iter().map(|m| m.name.as_str())));
         mistakes.take(unique("force", self.force.iter().map(|f| f.name.as_str())));
+        mistakes.take(unique("actuator", self.actuator.iter().map(|a| a.name.as_str())));
         if self.body.iter().any(|b| b.name == "ground") {
             mistakes.push(Issue::new(
                 &["body", "ground"],
@@ -271,6 +322,8 @@ impl ModelFile {
         let curve = mistakes.take(self.curves.check()).unwrap_or_default();
         let muscles = mistakes.all(self.muscle.iter().map(|muscle| self.muscle(muscle, curve)));
         let forces = mistakes.all(self.force.iter().map(|force| self.force(force)));
+        let coordinates = self.joint.iter().filter_map(|joint| joint.coordinate.as_deref());
+        let actuators = mistakes.all(self.actuator.iter().map(|actuator| actuator.check(coordinates.clone())));
         mistakes.none()?;
         let bodies = self
             .body
@@ -278,7 +331,7 @@ impl ModelFile {
             .map(|b| Body { name: b.name.clone(), mass: b.mass, inertia: b.inertia, centre_of_mass: b.centre_of_mass })
             .collect();
         let mechanics = Mechanics::Planar(Planar { gravity: self.gravity, bodies, joints, forces });
-        Ok(Model { name: self.name.clone(), mechanics, muscles })
+        Ok(Model { name: self.name.clone(), mechanics, muscles, actuators })
     }
 
     /// Checks that a chain of joints connects each body to the ground, which determines its position.

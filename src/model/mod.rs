@@ -37,6 +37,19 @@ pub struct Model {
     pub name: String,
     pub mechanics: Mechanics,
     pub muscles: Vec<Musculotendon>,
+    pub actuators: Vec<Actuator>,
+}
+
+/// An actuator at a joint coordinate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Actuator {
+    pub name: String,
+    /// The joint coordinate that it drives.
+    pub coordinate: String,
+    /// Moment or force at a control of 1, N m or N.
+    pub optimal_force: f64,
+    /// Bounds on its control.
+    pub control: [f64; 2],
 }
 
 impl Model {
@@ -59,7 +72,12 @@ impl Model {
                 path: Path::Spatial(spatial.path(muscle)),
             })
             .collect();
-        Self { name: spatial.skeleton.name.clone(), mechanics: Mechanics::Spatial(spatial), muscles }
+        Self {
+            name: spatial.skeleton.name.clone(),
+            mechanics: Mechanics::Spatial(spatial),
+            muscles,
+            actuators: Vec::new(),
+        }
     }
 
     /// Number of body coordinates `nq`.

@@ -85,6 +85,9 @@ impl Iterate {
     /// f, c, d at x.
     pub fn evaluate(&mut self, problem: &dyn Problem) {
         self.objective = 0.5 * residual(problem, &self.x).iter().map(|r| r * r).sum::<f64>();
+        if let Some(term) = problem.term() {
+            self.objective += term.parts(&self.x).iter().map(|part| part[0]).sum::<f64>();
+        }
         problem.constraints(&self.x, &mut self.equalities, &mut self.inequalities);
     }
 
@@ -92,6 +95,10 @@ impl Iterate {
     pub fn differentiate(&mut self, problem: &dyn Problem) {
         self.gradient.fill(0.0);
         problem.residual_jacobian().add_transpose_product(1.0, &residual(problem, &self.x), &mut self.gradient);
+        if let Some(term) = problem.term() {
+            let slopes: Vec<f64> = term.parts(&self.x).iter().map(|part| part[1]).collect();
+            term.functions().add_transpose_product(1.0, &slopes, &mut self.gradient);
+        }
         problem.jacobians(&self.x, &mut self.equality_jacobian, &mut self.inequality_jacobian);
     }
 

@@ -16,7 +16,7 @@
 use faer::Mat;
 
 use super::iterate::Iterate;
-use super::problem::Problem;
+use super::problem::{Problem, objective_rows};
 use crate::deadline::Deadline;
 use crate::numerics::rank::{self, Rank};
 use crate::numerics::sparse::{Pattern, Sparse};
@@ -147,7 +147,7 @@ pub struct Regularity {
 /// The ranks by dense singular value decomposition: an independent check.
 pub fn analyse_dense(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<Regularity> {
     let a = stack(iterate, active, None);
-    let aj = stack(iterate, active, Some(problem.residual_jacobian()));
+    let aj = stack(iterate, active, Some(&objective_rows(problem, &iterate.x)));
     let n = iterate.x.len();
     let rank_a = rank::by_svd(&a)?;
     let (rank_aj, null_directions) = rank::with_null_space(&aj)?;
@@ -155,28 +155,32 @@ pub fn analyse_dense(problem: &dyn Problem, iterate: &Iterate, active: &[usize])
 }
 
 /// Counts both ranks of one problem at any of its points; symbolic work once.
-pub struct RankCounter {
+pub struct RankCounter<'p> {
+    problem: &'p dyn Problem,
     equalities: usize,
     /// All equalities and inequalities, those not active left at zero; and J below.
     stacked: [Sparse; 2],
     /// Slots in both of each entry of the equality and of the inequality Jacobian.
     equality_slots: [Vec<usize>; 2],
     inequality_slots: [Vec<usize>; 2],
+    /// Slots of each entry of the objective's rows in the second.
+    objective_slots: Vec<usize>,
     spectra: [StagedSpectrum; 2],
     /// Once this has passed nothing is counted any more.
     pub deadline: Deadline,
 }
 
-impl RankCounter {
-    pub fn new(problem: &dyn Problem) -> Self {
+impl<'p> RankCounter<'p> {
+    pub fn new(problem: &'p dyn Problem) -> Self {
         let [equalities, inequalities, _] = problem.patterns();
-        let residuals = problem.residual_jacobian();
+        let residuals = &*objective_rows(problem, &vec![0.0; problem.variables()]);
         let (n, rows_a) = (equalities.columns, equalities.rows + inequalities.rows);
         let [equality_stages, inequality_stages] = problem.constraint_stages();
         let mut residual_stages = vec![0; residuals.rows];
         for (row, column, _) in residuals.entries() {
             residual_stages[row] = residual_stages[row].max(problem.stages()[column]);
         }
+        let mut objective_slots = Vec::new();
         let parts = [false, true].map(|with_residuals| {
             let mut pattern = Pattern::new(rows_a + if with_residuals { residuals.rows } else { 0 }, n);
             equalities.entries().for_each(|(i, j, _)| pattern.add(i, j));
@@ -188,9 +192,8 @@ impl RankCounter {
             }
             let mut matrix = pattern.build();
             if with_residuals {
-                for (i, j, slot) in residuals.entries() {
-                    matrix.values[pattern.slot(rows_a + i, j)] = residuals.values[slot];
-                }
+                objective_slots = residuals.entries().map(|(i, j, _)| pattern.slot(rows_a + i, j)).collect();
+                objective_slots.iter().zip(&residuals.values).for_each(|(&slot, value)| matrix.values[slot] = *value);
             }
             let equality_slots: Vec<usize> = equalities.entries().map(|(i, j, _)| pattern.slot(i, j)).collect();
             let inequality_slots: Vec<usize> =
@@ -200,6 +203,8 @@ impl RankCounter {
         });
         let [(a, ea, ia, sa), (aj, eaj, iaj, saj)] = parts;
         Self {
+            problem,
+            objective_slots,
             equalities: equalities.rows,
             stacked: [a, aj],
             equality_slots: [ea, eaj],
@@ -212,6 +217,11 @@ impl RankCounter {
     fn set(&mut self, iterate: &Iterate, active: &[usize]) {
         let mut is_active = vec![false; iterate.inequality_jacobian.rows];
         active.iter().for_each(|&row| is_active[row] = true);
+        if self.problem.term().is_some() {
+            let rows = objective_rows(self.problem, &iterate.x);
+            let slots = self.objective_slots.iter().zip(&rows.values);
+            slots.for_each(|(&slot, value)| self.stacked[1].values[slot] = *value);
+        }
         for part in 0..2 {
             let matrix = &mut self.stacked[part];
             let equalities = &iterate.equality_jacobian.values;
@@ -257,7 +267,7 @@ impl RankCounter {
 /// The two deficiencies by pivoted QR: an independent check.
 pub fn deficiencies_by_qr(problem: &dyn Problem, iterate: &Iterate, active: &[usize]) -> Option<(usize, usize)> {
     let a = stack(iterate, active, None);
-    let aj = stack(iterate, active, Some(problem.residual_jacobian()));
+    let aj = stack(iterate, active, Some(&objective_rows(problem, &iterate.x)));
     Some((a.nrows() - rank::by_pivoted_qr(&a)?, iterate.x.len() - rank::by_pivoted_qr(&aj)?))
 }
 

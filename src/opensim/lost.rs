@@ -25,7 +25,7 @@ fn meaning(tag: &str) -> &'static str {
     if has(&["HuntCrossley", "ElasticFoundation", "HalfSpace", "Contact", "Meyer"]) {
         "left out: contact forces are not supported; supply the ground reaction with the motion, as a [[force]]"
     } else if has(&["Actuator", "Motor"]) {
-        "left out: reserve and residual actuators are not supported; the muscles alone produce the motion"
+        "left out: this kind of actuator is not supported; the muscles alone produce the motion"
     } else if tag == "ExternalForce" || tag == "PrescribedForce" {
         "left out: add a [[force]] with columns in the motion file, or the force is missing"
     } else if tag.contains("Muscle") {

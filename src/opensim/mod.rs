@@ -11,6 +11,7 @@
 //! | Planar-, Free-, Weld-, ScapulothoracicJoint | `[[joint]]` |
 //! | CustomJoint | `[[joint]]`, with its constant parts in the frames |
 //! | Coordinate, its `locked` | `[[coordinate]]`, `locked` |
+//! | CoordinateActuator | `[[actuator]]` |
 //! | CoordinateCouplerConstraint | `follows` |
 //! | PointConstraint | `[[held_point]]` |
 //! | Thelen2003-, Millard2012-, DeGrooteFregly2016Muscle | `[[muscle]]`: its parameters, with Sinew's curves |
@@ -33,7 +34,7 @@ use frames::Frames;
 use joints::Found;
 
 use crate::error::{Issue, Result, SourceFile};
-use crate::model::file::CurvesEntry;
+use crate::model::file::{ActuatorEntry, CurvesEntry};
 use crate::skeleton::file::{GROUND, MusclesEntry, SkeletonFile};
 
 /// An imported model, and notes on what could not be mapped.
@@ -115,6 +116,22 @@ impl<'d> Reader<'d> {
         Ok(None)
     }
 
+    /// A CoordinateActuator. Its bounds are infinite unless the file has others.
+    ///
+    /// # Errors
+    /// If a number is not valid.
+    fn actuator(&self, element: Element<'d>) -> Result<ActuatorEntry> {
+        // An infinite bound is none.
+        let bound = |tag| element.text(tag).and_then(|text| text.trim().parse().ok()).filter(|b: &f64| b.is_finite());
+        Ok(ActuatorEntry {
+            name: element.name().to_owned(),
+            coordinate: element.text("coordinate").unwrap_or_default().to_owned(),
+            optimal_force: self.number(element, &["optimal_force"])?.unwrap_or(1.0),
+            min_control: bound("min_control"),
+            max_control: bound("max_control"),
+        })
+    }
+
     /// Boolean value of a child, or else of the file's defaults for the element's kind, or else `default`.
     fn flag(&self, element: Element<'d>, tag: &str, default: bool) -> bool {
         let fallback = self.defaults.get(element.tag()).map_or(default, |d| d.flag(tag, default));
@@ -158,6 +175,7 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         muscle: Vec::new(),
         held_point: Vec::new(),
         force: Vec::new(),
+        actuator: Vec::new(),
         abduction: None,
         gravity: parts.gravity()?,
         curves: CurvesEntry::default(),
@@ -176,6 +194,13 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         notes.remark(&format!("{kind} {}", force.name()), "left out: disabled in the model");
     }
     let (muscles, others): (Vec<_>, Vec<_>) = forces.into_iter().partition(|force| muscles::is_muscle(*force));
+    let (actuators, others): (Vec<_>, Vec<_>) =
+        others.into_iter().partition(|force| force.tag() == "CoordinateActuator" && force.text("coordinate").is_some());
+    for actuator in actuators {
+        read.actuator.push(reader.actuator(actuator)?);
+        let meaning = "imported as [[actuator]], which has no effect on a spatial model yet";
+        notes.lost(&format!("CoordinateActuator {}", actuator.name()), meaning);
+    }
     lost::forces(others.into_iter(), &mut notes);
     for force in muscles {
         read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);

@@ -15,7 +15,7 @@ use super::surface::{Shape, Side, Surface};
 use super::{Abduction, Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 use crate::model::curves::ForceVelocity;
-use crate::model::file::{CurvesEntry, finite, named, positive, unique};
+use crate::model::file::{ActuatorEntry, CurvesEntry, finite, named, positive, unique};
 
 pub(super) type Checked<T> = std::result::Result<T, Issue>;
 
@@ -50,6 +50,9 @@ pub struct SkeletonFile {
     /// External forces.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
+    /// Actuators that are no muscles. They have no effect yet: reserves and actuators need a planar model.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub actuator: Vec<ActuatorEntry>,
     /// What `motion.abduction_offset_deg` turns.
     pub abduction: Option<AbductionEntry>,
     /// Acceleration of gravity in the ground frame, m/s².
@@ -461,6 +464,7 @@ impl SkeletonFile {
         mistakes.take(unique("muscle", self.muscle.iter().map(|muscle| muscle.name.as_str())));
         mistakes.take(unique("held_point", self.held_point.iter().map(|held| held.name.as_str())));
         mistakes.take(unique("force", self.force.iter().map(|force| force.name.as_str())));
+        mistakes.take(unique("actuator", self.actuator.iter().map(|actuator| actuator.name.as_str())));
         mistakes.take(finite(&["gravity"], &self.gravity));
         if self.body.iter().any(|body| body.name == GROUND) {
             mistakes.push(Issue::new(
@@ -481,6 +485,8 @@ impl SkeletonFile {
         let surfaces = mistakes.all(self.surface.iter().map(|surface| surface.check(&names)));
         let held_points = mistakes.all(self.held_point.iter().map(|held| held.check(&names)));
         let forces = mistakes.all(self.force.iter().map(|force| force.check(&names)));
+        let coordinates = self.coordinate.iter().map(|coordinate| coordinate.name.as_str());
+        mistakes.all(self.actuator.iter().map(|actuator| actuator.check(coordinates.clone())));
         let abduction = mistakes.all(self.abduction.iter().map(|abduction| abduction.check(&names))).pop();
         mistakes.none()?;
 

@@ -21,7 +21,8 @@ pub struct ModelChange {
 const OPTIONAL_TABLES: [&str; 2] = ["curves", "muscles"];
 
 /// Top-level keys of model files whose numbers a study may change.
-pub const GROUPS: [&str; 11] = [
+pub const GROUPS: [&str; 12] = [
+    "actuator",
     "body",
     "joint",
     "muscle",

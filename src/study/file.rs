@@ -258,7 +258,7 @@ fn names(generator: &mut SchemaGenerator, of: impl Fn(&serde_json::Value) -> ser
     }
     let number = serde_json::json!({ "type": "number" });
     let of_number = of(&number);
-    let pattern = format!(r"^({}|motion)\..+$", GROUPS.join("|"));
+    let pattern = format!(r"^({}|motion|reserves)\..+$", GROUPS.join("|"));
     json_schema!({
         "type": "object",
         "properties": properties,
@@ -273,6 +273,10 @@ fn fixed_values(generator: &mut SchemaGenerator) -> Schema {
     let pattern = format!("^({}|motion)$", GROUPS.join("|"));
     if let Some(patterns) = schema.get_mut("patternProperties").and_then(serde_json::Value::as_object_mut) {
         patterns.insert(pattern, serde_json::json!({ "type": "object" }));
+    }
+    let properties = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut);
+    if let Some(reserves) = properties.and_then(|properties| properties.get_mut("reserves")) {
+        *reserves = serde_json::json!({ "anyOf": [reserves.take(), { "type": "object" }] });
     }
     schema
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
-use super::settings::{Girdle, InvalidValue, RegularityMode, Settings, Value, WarmStart};
+use super::settings::{BoundKind, Girdle, InvalidValue, RegularityMode, Settings, Value, WarmStart};
 use super::size;
 use super::sweep::{self, Expansion, KeyPath, SweepPoint};
 use super::{Job, SCHEMA_VERSION};
@@ -453,10 +453,19 @@ impl<'m> Plan<'m> {
         Err(complaint_at(self.place("smoothing_hz"), InvalidValue::new(message, help)))
     }
 
-    /// Refuses the setting `girdle` for planar models.
-    pub fn check_girdle(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
+    /// Refuses settings that do not fit the model or one another.
+    pub fn check_settings(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
         let spatial = model.spatial().is_some();
         for job in jobs {
+            if job.settings.effort_power != 2.0 && !job.settings.bounds.kinds().contains(&BoundKind::Activation) {
+                let message = format!("{} with bounds = \"{}\"", job.settings.effort_power, job.settings.bounds.name());
+                let help = "a power other than 2 needs a ≥ 0: set bounds = \"both\", or another with activation";
+                return Err(complaint_at(self.place("effort_power"), InvalidValue::new(message, help)));
+            }
+            if spatial && job.settings.has_reserves() {
+                let help = "reserves need a planar model: remove the key";
+                return Err(complaint_at(self.place("reserves"), InvalidValue::new("the model is spatial", help)));
+            }
             if !spatial && job.settings.girdle != Girdle::Prescribed {
                 let help = "only spatial models have a girdle: remove the key";
                 return Err(complaint_at(self.place("girdle"), InvalidValue::new("the model is planar", help)));

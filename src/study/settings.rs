@@ -245,6 +245,11 @@ pub struct Settings {
     /// Load-sharing parameter μ: the objective has the term μ²/2 ‖a‖², eq. (26).
     #[schemars(range(min = 0.0, max = 1e6))]
     pub mu: f64,
+    /// Power p of activations in the load-sharing term. 2 is the thesis' sum over the instants of the load-sharing grid; other
+    /// powers, above 2, are an integral, μ²/2 ∫ Σ a^p dt, and need the bound a ≥ 0.
+    #[schemars(range(min = 2.0, max = 5.0))]
+    #[serde(skip_serializing_if = "is_two")]
+    pub effort_power: f64,
     /// Length of a mesh interval, s. It must divide the duration of the motion.
     #[schemars(range(min = 1e-6, max = 1e6))]
     pub h: f64,
@@ -258,6 +263,19 @@ pub struct Settings {
     #[serde(skip_serializing_if = "is_default_girdle")]
     pub girdle: Girdle,
     pub load_sharing_grid: LoadSharingGrid,
+    /// Moment (N m) or force (N) of a reserve actuator at each joint coordinate, at a control of 1; 0 for none. A number
+    /// for all coordinates, or a table by coordinate, such as `reserves.elbow_angle`. Planar models only.
+    #[schemars(range(min = 0.0, max = 1e9))]
+    #[serde(skip_serializing_if = "is_zero")]
+    pub reserves: f64,
+    /// `reserves.<coordinate>`, by coordinate.
+    #[schemars(skip)]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reserves_at: Vec<(String, f64)>,
+    /// Weight of the squared controls of reserves, relative to squared activations in the load-sharing term.
+    #[schemars(range(min = 1e-9, max = 1e9))]
+    #[serde(skip_serializing_if = "is_one")]
+    pub reserve_weight: f64,
     /// Measured instants per interval. The default is twice the number of collocation points per interval.
     #[schemars(range(min = 1, max = 1000))]
     pub measurement_ratio: Option<usize>,
@@ -307,6 +325,18 @@ fn is_default_girdle(girdle: &Girdle) -> bool {
     *girdle == Girdle::Prescribed
 }
 
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn is_two(value: &f64) -> bool {
+    *value == 2.0
+}
+
+fn is_one(value: &f64) -> bool {
+    *value == 1.0
+}
+
 /// 1 GB per job, because one job per core runs at the same time.
 const DEFAULT_MEMORY: f64 = 1000.0;
 
@@ -319,6 +349,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             mu: 0.2,
+            effort_power: 2.0,
             h: 0.1,
             scheme: Scheme::Radau,
             stages: 3,
@@ -326,6 +357,9 @@ impl Default for Settings {
             bounds: Bounds::Both,
             girdle: Girdle::Prescribed,
             load_sharing_grid: LoadSharingGrid::Measurement,
+            reserves: 0.0,
+            reserves_at: Vec::new(),
+            reserve_weight: 1.0,
             measurement_ratio: None,
             noise_sd: 0.0,
             smoothing_hz: 0.0,
@@ -354,6 +388,7 @@ const MOTION_ENDINGS: [&str; 4] = ["_offset_deg", "_offset_rad", "_offset_m", "_
 /// The names of plain settings, for messages.
 pub const NAMES: &[&str] = &[
     "mu",
+    "effort_power",
     "h",
     "scheme",
     "stages",
@@ -361,6 +396,8 @@ pub const NAMES: &[&str] = &[
     "bounds",
     "girdle",
     "load_sharing_grid",
+    "reserves",
+    "reserve_weight",
     "measurement_ratio",
     "noise_sd",
     "smoothing_hz",
@@ -384,6 +421,7 @@ impl Settings {
     pub fn set(&mut self, name: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), InvalidValue> {
         match name {
             "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 to 1e6; the thesis uses 0.2")?,
+            "effort_power" => self.effort_power = number(value, 2.0..=5.0, "a power from 2 to 5; the thesis uses 2")?,
             "h" => self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?,
             "scheme" => self.scheme = choice(value, Scheme::ALL, Scheme::parse)?,
             "stages" => self.stages = integer(value, 1..=3)? as usize,
@@ -392,6 +430,10 @@ impl Settings {
             "bounds" => self.bounds = choice(value, Bounds::ALL, Bounds::parse)?,
             "load_sharing_grid" => {
                 self.load_sharing_grid = choice(value, LoadSharingGrid::ALL, LoadSharingGrid::parse)?;
+            }
+            "reserves" => self.reserves = number(value, 0.0..=1e9, RESERVE)?,
+            "reserve_weight" => {
+                self.reserve_weight = number(value, 1e-9..=1e9, "a positive weight; 1 counts as an activation does")?;
             }
             "measurement_ratio" => self.measurement_ratio = Some(integer(value, 1..=1000)? as usize),
             "noise_sd" => self.noise_sd = number(value, 0.0..=1e3, "a standard deviation in m and rad, 0 for none")?,
@@ -417,9 +459,10 @@ impl Settings {
                 self.time_limit_s = Some(number(value, 0.0..=1e9, "a time in seconds; omit the key for no limit")?);
             }
             "memory_limit_mb" => self.memory_limit_mb = number(value, 1.0..=1e9, "a size in MB, such as 4000")?,
-            _ => match (name.strip_prefix("motion."), name.strip_prefix("warn.")) {
-                (Some(change), _) => self.set_motion(change, value, coordinates)?,
-                (_, Some(limit)) => self.set_limit(limit, value)?,
+            _ => match name.split_once('.') {
+                Some(("motion", change)) => self.set_motion(change, value, coordinates)?,
+                Some(("warn", limit)) => self.set_limit(limit, value)?,
+                Some(("reserves", coordinate)) => self.set_reserve(coordinate, value, coordinates)?,
                 _ => return Err(unknown(name)),
             },
         }
@@ -436,13 +479,44 @@ impl Settings {
         Ok(())
     }
 
+    fn set_reserve(
+        &mut self,
+        coordinate: &str,
+        value: &Value,
+        coordinates: &[(String, bool)],
+    ) -> Result<(), InvalidValue> {
+        let (name, _) = find_coordinate(coordinate, coordinates)?;
+        let moment = number(value, 0.0..=1e9, RESERVE)?;
+        self.reserves_at.retain(|(other, _)| other != name);
+        self.reserves_at.push((name.clone(), moment));
+        // A unique form, because they are part of a job's identity.
+        self.reserves_at.sort_by(|a, b| a.0.cmp(&b.0));
+        Ok(())
+    }
+
+    /// The reserve's moment (N m) or force (N) at a joint coordinate.
+    pub fn reserve(&self, coordinate: &str) -> f64 {
+        self.reserves_at.iter().find(|(name, _)| name == coordinate).map_or(self.reserves, |(_, moment)| *moment)
+    }
+
+    /// Whether there is a reserve at any coordinate.
+    pub fn has_reserves(&self) -> bool {
+        self.reserves > 0.0 || self.reserves_at.iter().any(|(_, moment)| *moment > 0.0)
+    }
+
     /// The value of a setting or of a change of the motion, as written in a study; `None` if it is not set.
     pub fn get(&self, name: &str) -> Option<Value> {
         if let Some(limit) = name.strip_prefix("warn.") {
             return self.warn.clone().named(limit).map(|limit| Value::Number(*limit));
         }
+        if let Some(coordinate) = name.strip_prefix("reserves.") {
+            return Some(Value::Number(self.reserve(coordinate)));
+        }
         // These are not serialised if they have their default.
         match name {
+            "effort_power" => return Some(Value::Number(self.effort_power)),
+            "reserves" => return Some(Value::Number(self.reserves)),
+            "reserve_weight" => return Some(Value::Number(self.reserve_weight)),
             "girdle" => return Some(Value::Text(self.girdle.name().to_owned())),
             "memory_limit_mb" => return Some(Value::Number(self.memory_limit_mb)),
             _ => {}
@@ -469,6 +543,10 @@ impl Settings {
     pub fn canonical(&self) -> Self {
         let mut same = self.clone();
         same.measurement_ratio = Some(self.measured_per_interval());
+        same.reserves_at.retain(|(_, moment)| *moment != self.reserves);
+        if !self.has_reserves() {
+            same.reserve_weight = 1.0;
+        }
         if self.scheme == Scheme::Midpoint {
             (same.stages, same.initial) = (1, Initial::Equilibrium);
         }
@@ -497,14 +575,7 @@ impl Settings {
                 "allowed are time_scale, <coordinate>_offset_deg (or _rad, _m) and <coordinate>_scale",
             ));
         };
-        let Some((name, is_angle)) = coordinates.iter().find(|(name, _)| name == coordinate) else {
-            let names: Vec<&str> = coordinates.iter().map(|(name, _)| name.as_str()).collect();
-            let near = nearest(coordinate, names.iter().copied()).map(|n| format!("did you mean `{n}`? "));
-            return Err(InvalidValue::new(
-                format!("unknown joint coordinate `{coordinate}`"),
-                format!("{}the model has: {}", near.unwrap_or_default(), names.join(", ")),
-            ));
-        };
+        let (name, is_angle) = find_coordinate(coordinate, coordinates)?;
         let unit_fits = match ending {
             "_offset_m" => !is_angle,
             "_scale" => true,
@@ -564,6 +635,20 @@ impl Settings {
         }
         Ok(points)
     }
+}
+
+/// What a reserve may be.
+const RESERVE: &str = "a moment in N m (a force in N), such as 5.0; 0 for no reserve";
+
+fn find_coordinate<'c>(name: &str, coordinates: &'c [(String, bool)]) -> Result<&'c (String, bool), InvalidValue> {
+    coordinates.iter().find(|(known, _)| known == name).ok_or_else(|| {
+        let names: Vec<&str> = coordinates.iter().map(|(name, _)| name.as_str()).collect();
+        let near = nearest(name, names.iter().copied()).map(|n| format!("did you mean `{n}`? "));
+        InvalidValue::new(
+            format!("unknown joint coordinate `{name}`"),
+            format!("{}the model has: {}", near.unwrap_or_default(), names.join(", ")),
+        )
+    })
 }
 
 /// The complaint about a name that is neither a setting nor a number of the model.

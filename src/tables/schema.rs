@@ -5,7 +5,8 @@ use super::column::{Column, ColumnInfo, table};
 use super::{Table, axes};
 use crate::error::nearest;
 use crate::outcome::{
-    IterationRow, JobRow, MuscleRow, OptimumRow, Outcome, RegularityRow, SensitivityRow, SpectrumRow, TrajectoryRow,
+    IterationRow, JobRow, MuscleRow, OptimumRow, Outcome, RegularityRow, ReserveRow, SensitivityRow, SpectrumRow,
+    TrajectoryRow,
 };
 use crate::study::file::{Measure, Ratio};
 use crate::study::{Job, Study};
@@ -16,11 +17,21 @@ pub use super::axes::axes;
 pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
 
 /// Names of the tables, which are the file names without `.parquet`.
-pub const TABLES: [&str; 9] =
-    ["jobs", "regularity", "iterations", "muscles", "ratios", "spectrum", "sensitivities", "optima", "trajectories"];
+pub const TABLES: [&str; 10] = [
+    "jobs",
+    "regularity",
+    "iterations",
+    "muscles",
+    "reserves",
+    "ratios",
+    "spectrum",
+    "sensitivities",
+    "optima",
+    "trajectories",
+];
 
 /// Tables that exist only if a study asks for them; they are omitted if empty.
-pub const ON_REQUEST: [&str; 2] = ["ratios", "trajectories"];
+pub const ON_REQUEST: [&str; 3] = ["reserves", "ratios", "trajectories"];
 
 /// Columns with computing times: the only ones in which two runs of a study may differ.
 pub const TIMINGS: [&str; 3] = ["solve_s", "rank_s", "wall_s"];
@@ -43,6 +54,7 @@ pub fn row_of(table: &str) -> &'static str {
         "regularity" => "a job whose ranks were computed: ranks, verdicts on uniqueness, and what is free",
         "iterations" => "an SQP iteration of the best start of a job; the start guess is number 0",
         "muscles" => "a muscle of a job that has a last iterate; only those of converged jobs are reliable",
+        "reserves" => "a reserve or actuator of a job with a last iterate (only if a job has one)",
         "ratios" => "a declared load ratio of a job, by measure (only if the study declares one)",
         "spectrum" => "a singular value near the cut between kept and dropped ones",
         "sensitivities" => "how the mean force of a muscle depends on a parameter, at a converged solution",
@@ -57,6 +69,7 @@ pub fn row_keys(table: &str) -> &'static [&'static str] {
     match table {
         "iterations" => &["iteration"],
         "muscles" => &["muscle"],
+        "reserves" => &["coordinate", "actuator"],
         "ratios" => &["ratio", "measure"],
         "spectrum" => &["matrix", "index"],
         "sensitivities" => &["muscle", "parameter"],
@@ -75,6 +88,7 @@ pub fn columns_of(table: &str) -> Vec<ColumnInfo> {
         "regularity" => of(regularity()),
         "iterations" => of(iterations()),
         "muscles" => of(muscles()),
+        "reserves" => of(reserves()),
         "ratios" => of(ratios()),
         "spectrum" => of(spectrum()),
         "sensitivities" => of(sensitivities()),
@@ -114,6 +128,7 @@ impl<'s> Columns<'s> {
             table("regularity", &regularity(), &lines(finished, |o| o.regularity.as_slice())),
             table("iterations", &iterations(), &lines(finished, |o| &o.iterations)),
             table("muscles", &muscles(), &lines(finished, |o| &o.muscles)),
+            table("reserves", &reserves(), &lines(finished, |o| &o.reserves)),
             table("ratios", &ratios(), &ratio_lines),
             table("spectrum", &spectrum(), &lines(finished, |o| &o.spectrum)),
             table("sensitivities", &sensitivities(), &lines(finished, |o| &o.sensitivities)),
@@ -191,6 +206,13 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
             l.row.objective
         }),
         C::number("effort", "s", "∫ Σ a² dt over all muscles", |l| l.row.effort),
+        C::number(
+            "actuator_effort",
+            "s",
+            "∫ Σ r² dt over the controls of reserves and actuators; null without any",
+            |l| l.row.actuator_effort,
+        ),
+        C::number("control_effort", "s", "∫ Σ u² dt over all excitations and controls", |l| l.row.control_effort),
         C::number(
             "effort_mesh_error",
             "s",
@@ -461,6 +483,30 @@ fn spectrum<'o>() -> Vec<Column<Line<'o, SpectrumRow>>> {
     ]
 }
 
+fn reserves<'o>() -> Vec<Column<Line<'o, ReserveRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        status(),
+        C::text("coordinate", "name of the joint coordinate", |l| Some(l.row.coordinate.clone())),
+        C::text("actuator", "name of the actuator; of a reserve that of its coordinate", |l| {
+            Some(l.row.actuator.clone())
+        }),
+        C::flag("is_reserve", "true for a reserve, false for an actuator of the model", |l| Some(l.row.is_reserve)),
+        C::number("peak_moment_n_m", "N m", "largest moment, of an angle", |l| l.row.peak_moment_n_m),
+        C::number("rms_moment_n_m", "N m", "root mean square of the moment over time", |l| l.row.rms_moment_n_m),
+        C::number("peak_force_n", "N", "largest force, of a displacement", |l| l.row.peak_force_n),
+        C::number("rms_force_n", "N", "root mean square of the force over time", |l| l.row.rms_force_n),
+        C::number(
+            "share",
+            "1",
+            "peak relative to the peak of the net moment or force of muscles and actuators at this coordinate; null \
+             where joints close a loop",
+            |l| l.row.share,
+        ),
+    ]
+}
+
 fn sensitivities<'o>() -> Vec<Column<Line<'o, SensitivityRow>>> {
     use Column as C;
     vec![
@@ -500,8 +546,8 @@ fn trajectories<'o>() -> Vec<Column<Line<'o, TrajectoryRow>>> {
             "signal",
             "`coordinate`, `measured`, `acceleration` (body coordinates: m, rad and Euler parameters), \
              `joint_coordinate`, `measured_joint_coordinate` (m, rad), `activation`, `excitation` (1), `fibre_length` \
-             (optimal fibre lengths), `fibre_velocity` (optimal fibre lengths/s), `force_n`, `reaction_n` (N), \
-             `path_point_m`, `bone_point_m` (m), `bound_active` (0 or 1)",
+             (optimal fibre lengths), `fibre_velocity` (optimal fibre lengths/s), `force_n`, `reaction_n`, `actuator_force_n` (N), \
+             `actuator_moment_n_m` (N m), `path_point_m`, `bone_point_m` (m), `bound_active` (0 or 1)",
             |l| Some(l.row.signal.clone()),
         ),
         C::text("name", "of the coordinate, muscle, joint or bound", |l| Some(l.row.name.clone())),

@@ -13,9 +13,10 @@
 use std::ops::Range;
 
 use super::scheme::{Combination, Discretisation, LocalMap, evaluate};
-use crate::nlp::problem::{Curvature, Multipliers, Problem};
+use crate::nlp::problem::{ConvexTerm, Curvature, Multipliers, Problem};
 use crate::numerics::larger;
 use crate::numerics::sparse::{Pattern, Sparse};
+use crate::problem::goals::{Sample, Shape};
 use crate::problem::{Bounded, ControlProblem, Goal, Limit};
 
 /// One collocation point.
@@ -57,6 +58,7 @@ pub struct Collocation<'p> {
     inequality_pattern: Sparse,
     hessian_pattern: Sparse,
     gram: Vec<f64>,
+    term_scatter: Scatter,
     jacobian_scatter: Vec<Scatter>,
     /// Of the functions of limits.
     function_scatter: Vec<Scatter>,
@@ -100,7 +102,7 @@ impl<'p> Collocation<'p> {
         }
         let equalities = equalities(control, &points, &linear, &row_starts, n);
         let inequalities = inequalities(control, &points, &bounds, n);
-        let hessian = hessian(control, &points, &objective.residual_jacobian);
+        let hessian = hessian(control, &points, &objective);
         let maps = points.iter().flat_map(|point| &point.map.combinations).enumerate();
         let triplets: Vec<(usize, usize, f64)> =
             maps.flat_map(|(k, terms)| terms.iter().map(move |&(index, weight)| (index, k, weight))).collect();
@@ -122,6 +124,7 @@ impl<'p> Collocation<'p> {
             function_scatter: inequalities.1,
             hessian_pattern: hessian.pattern,
             gram: hessian.gram,
+            term_scatter: hessian.term,
             hessian_scatter: hessian.scatter,
             metric_scatter: hessian.metric,
         }
@@ -179,29 +182,57 @@ fn points(control: &ControlProblem<'_>, scheme: &dyn Discretisation) -> Vec<Poin
     (0..scheme.points().len()).map(point).collect()
 }
 
-/// The objective ½‖J x − b‖².
+/// The objective ½‖J x − b‖² + Σ φ_k.
 pub struct Objective {
     residual_jacobian: Sparse,
     residual_data: Vec<f64>,
     /// The rows of J that belong to each goal.
     goals: Vec<(&'static str, Range<usize>)>,
+    /// Goals that are no squares.
+    term: Option<Term>,
+}
+
+/// The goals that are no squares: K, and the shape and the sample of each of its rows.
+struct Term {
+    functions: Sparse,
+    parts: Vec<(Shape, Sample)>,
+}
+
+impl ConvexTerm for Term {
+    fn functions(&self) -> &Sparse {
+        &self.functions
+    }
+
+    fn part(&self, k: usize, y: f64) -> [f64; 3] {
+        let (shape, sample) = &self.parts[k];
+        shape.at(y - sample.target).map(|value| sample.weight * value)
+    }
 }
 
 impl Objective {
     fn new(scheme: &dyn Discretisation, all: &[Goal]) -> Self {
         let (mut triplets, mut residual_data, mut goals) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut functions, mut parts) = (Vec::new(), Vec::new());
         for goal in all {
             let start = residual_data.len();
             for sample in &goal.samples {
-                let row = residual_data.len();
-                let terms = scheme.at(sample.time, sample.quantity, sample.member, 0);
-                triplets.extend(terms.into_iter().map(|(i, weight)| (row, i, sample.weight * weight)));
-                residual_data.push(sample.weight * sample.target);
+                let terms = scheme.at(sample.time, sample.quantity, sample.member, 0).into_iter();
+                if goal.shape == Shape::Square {
+                    let row = residual_data.len();
+                    triplets.extend(terms.map(|(i, weight)| (row, i, sample.weight * weight)));
+                    residual_data.push(sample.weight * sample.target);
+                } else {
+                    functions.extend(terms.map(|(i, weight)| (parts.len(), i, weight)));
+                    parts.push((goal.shape, *sample));
+                }
             }
             goals.push((goal.name, start..residual_data.len()));
         }
+        let n = scheme.coefficients().total();
+        let term =
+            (!parts.is_empty()).then(|| Term { functions: Sparse::from_triplets(parts.len(), n, &functions), parts });
         let residual_jacobian = Sparse::from_triplets(residual_data.len(), scheme.coefficients().total(), &triplets);
-        Self { residual_jacobian, residual_data, goals }
+        Self { residual_jacobian, residual_data, goals, term }
     }
 
     /// The rows of J that belong to a goal.
@@ -296,15 +327,18 @@ struct Hessian {
     pattern: Sparse,
     /// JᵀJ in that pattern.
     gram: Vec<f64>,
+    /// Where φ″ of each part of the objective's convex term goes.
+    term: Scatter,
     /// Where the bends of each point go.
     scatter: Vec<Scatter>,
     /// The same of each variable with itself, by variable.
     metric: Vec<Scatter>,
 }
 
-fn hessian(control: &ControlProblem<'_>, points: &[Point], residual_jacobian: &Sparse) -> Hessian {
-    let n = residual_jacobian.columns;
-    let gram_matrix = residual_jacobian.gram();
+fn hessian(control: &ControlProblem<'_>, points: &[Point], objective: &Objective) -> Hessian {
+    let n = objective.residual_jacobian.columns;
+    let gram_matrix = objective.residual_jacobian.gram();
+    let parts = objective.term.as_ref().map_or_else(Vec::new, |term| rows_of(&term.functions));
     // Both orders of each pair of variables: (one, other, local entry), sorted.
     let pairs = control.bend_pattern().iter().enumerate();
     let mut ordered: Vec<(usize, usize, usize)> =
@@ -314,6 +348,11 @@ fn hessian(control: &ControlProblem<'_>, points: &[Point], residual_jacobian: &S
     let mut pattern = Pattern::new(n, n);
     gram_matrix.entries().for_each(|(row, column, _)| pattern.add(row, column));
     (0..n).for_each(|i| pattern.add(i, i));
+    for row in &parts {
+        row.iter().for_each(|&(i, _)| {
+            row.iter().filter(|&&(j, _)| i <= j).for_each(|&(j, _)| pattern.add(i, j));
+        });
+    }
     for Point { map, .. } in points {
         for &(i, j, _) in &ordered {
             for &(row, _) in &map.combinations[i] {
@@ -326,6 +365,13 @@ fn hessian(control: &ControlProblem<'_>, points: &[Point], residual_jacobian: &S
     let mut gram = vec![0.0; matrix.values.len()];
     for (row, column, slot) in gram_matrix.entries() {
         gram[pattern.slot(row, column)] = gram_matrix.values[slot];
+    }
+    let mut term = Scatter::new();
+    for (k, row) in parts.iter().enumerate() {
+        for &(i, weight) in row {
+            let above = row.iter().filter(|&&(j, _)| i <= j);
+            term.extend(above.map(|&(j, other)| (k as u32, pattern.slot(i, j) as u32, weight * other)));
+        }
     }
     let (mut scatters, mut metrics) = (Vec::new(), Vec::new());
     for Point { map, .. } in points {
@@ -344,7 +390,14 @@ fn hessian(control: &ControlProblem<'_>, points: &[Point], residual_jacobian: &S
         scatters.push(scatter);
         metrics.push(metric);
     }
-    Hessian { pattern: matrix, gram, scatter: scatters, metric: metrics }
+    Hessian { pattern: matrix, gram, term, scatter: scatters, metric: metrics }
+}
+
+/// The entries of a matrix, row by row.
+fn rows_of(matrix: &Sparse) -> Vec<Combination> {
+    let mut rows = vec![Combination::new(); matrix.rows];
+    matrix.entries().for_each(|(row, column, slot)| rows[row].push((column, matrix.values[slot])));
+    rows
 }
 
 fn stages(points: &[Point], linear: &[Combination], bounds: &[Bound], n: usize) -> Stages {
@@ -408,6 +461,10 @@ impl Problem for Collocation<'_> {
         &self.objective.residual_data
     }
 
+    fn term(&self) -> Option<&dyn ConvexTerm> {
+        self.objective.term.as_ref().map(|term| term as &dyn ConvexTerm)
+    }
+
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]) {
         for (row, combination) in self.linear.iter().enumerate() {
             equalities[row] = evaluate(combination, x);
@@ -454,6 +511,10 @@ impl Problem for Collocation<'_> {
 
     fn hessian(&self, x: &[f64], multipliers: Multipliers<'_>, curvature: Curvature, out: &mut Sparse) {
         out.values.copy_from_slice(&self.gram);
+        if let Some(term) = &self.objective.term {
+            let curvatures: Vec<f64> = term.parts(x).iter().map(|part| part[2]).collect();
+            add(&self.term_scatter, &curvatures, &mut out.values);
+        }
         let mut local = vec![0.0; self.control.bend_pattern().len()];
         let mut factors = vec![0.0; self.control.rows()];
         for (j, Point { rows, .. }) in self.points.iter().enumerate() {

@@ -100,14 +100,14 @@ fn the_convexified_hessian_is_positive_semidefinite_and_above_the_gauss_newton_o
     assert!(smallest(Curvature::Exact) < -1e-3, "random multipliers give negative curvature");
 }
 
-/// Random variables of a model with every kind of joint, a loop, via points, loads and unequal times.
+/// Random variables of a model with every kind of joint, a loop, via points, loads, an actuator, reserves and unequal times.
 #[test]
 fn every_block_has_its_derivatives() {
     let file: ModelFile = toml::from_str(include_str!("../fixtures/everything.toml")).unwrap();
     let model = file.check().unwrap();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
     for scheme in [Scheme::Midpoint, Scheme::Radau] {
-        let settings = settings(|s| s.scheme = scheme);
+        let settings = settings(|s| (s.scheme, s.reserves) = (scheme, 4.0));
         let inverse = dynamic(&model, &settings, &std::sync::Arc::new(Surroundings::constant(&model)));
         for _ in 0..5 {
             let mut z = random_instant(&inverse, &mut rng);

@@ -19,6 +19,7 @@ mod readmes;
 mod recheck;
 mod regularity;
 mod report;
+mod reserves;
 mod resume;
 mod space;
 mod spatial;

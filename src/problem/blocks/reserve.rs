@@ -26,6 +26,8 @@ pub struct Reserve<'m> {
     pub control: usize,
     /// Rows of eq. (1).
     pub motion: Span,
+    /// Weight of a step in the control, relative to one in q.
+    pub step_weight: f64,
 }
 
 impl Block for Reserve<'_> {
@@ -53,5 +55,9 @@ impl Block for Reserve<'_> {
                 out.slope(self.motion.at(one), self.coordinates.at(other), pull * angle.hessian[i][j]);
             }
         }
+    }
+
+    fn weigh(&self, _z: &[f64], weights: &mut [f64]) {
+        weights[self.control] = 0.1 * self.step_weight;
     }
 }

@@ -1,21 +1,38 @@
 //! The effort of eq. (26), which shares the load among muscles (thesis, Paper B): `μ²/2 ‖a‖²` over the instants of the
-//! load-sharing grid; and the use of reserves beside it, `μ²/2 · reserve_weight Σ r²`.
+//! load-sharing grid; with another power p, `μ²/2 ∫ Σ a^p dt`. And the use of reserves beside it, `reserve_weight Σ r²` in
+//! place of the sum over muscles.
 
 use super::{Goal, Sample, Shape};
 use crate::problem::quantity::QuantityId;
 
-/// The effort of `muscles` muscles; `times` in s.
-pub fn effort(activations: QuantityId, muscles: usize, times: &[f64], mu: f64) -> Goal {
-    Goal { name: "effort", shape: Shape::Square, samples: samples(activations, &vec![mu; muscles], times) }
+/// The effort of `muscles` muscles; `instants`: times (s) and weights. `power`: p.
+pub fn effort(activations: QuantityId, muscles: usize, instants: &[(f64, f64)], mu: f64, power: f64) -> Goal {
+    if power == 2.0 {
+        let samples = samples(activations, &vec![mu; muscles], instants, f64::sqrt);
+        return Goal { name: "effort", shape: Shape::Square, samples };
+    }
+    let samples = samples(activations, &vec![0.5 * mu * mu; muscles], instants, |weight| weight);
+    Goal { name: "effort", shape: Shape::Power(power), samples }
 }
 
-/// The use of reserves; `weights`: by reserve, including μ and the root of the reserve's weight.
-pub fn reserve_use(reserves: QuantityId, weights: &[f64], times: &[f64]) -> Goal {
-    Goal { name: "reserve_use", shape: Shape::Square, samples: samples(reserves, weights, times) }
+/// The use of reserves; `weights`: by reserve, the root of the reserve's weight times μ.
+pub fn reserve_use(reserves: QuantityId, weights: &[f64], instants: &[(f64, f64)]) -> Goal {
+    Goal { name: "reserve_use", shape: Shape::Square, samples: samples(reserves, weights, instants, f64::sqrt) }
 }
 
-fn samples(quantity: QuantityId, weights: &[f64], times: &[f64]) -> Vec<Sample> {
-    let all = weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0);
-    let sample = |time: f64, (member, &weight): (usize, &f64)| Sample { time, quantity, member, weight, target: 0.0 };
-    all.flat_map(|at| times.iter().map(move |&time| sample(time, at))).collect()
+fn samples(
+    quantity: QuantityId,
+    weights: &[f64],
+    instants: &[(f64, f64)],
+    of_weight: impl Fn(f64) -> f64 + Copy,
+) -> Vec<Sample> {
+    let all = weights.iter().enumerate();
+    let sample = |(time, instant): (f64, f64), (member, weight): (usize, &f64)| Sample {
+        time,
+        quantity,
+        member,
+        weight: weight * of_weight(instant),
+        target: 0.0,
+    };
+    all.flat_map(|at| instants.iter().map(move |&instant| sample(instant, at))).collect()
 }

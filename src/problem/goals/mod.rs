@@ -33,6 +33,19 @@ pub enum Shape {
     Power(f64),
 }
 
+impl Shape {
+    /// φ, φ′ and φ″ at e, without the weight.
+    pub fn at(self, e: f64) -> [f64; 3] {
+        match self {
+            Shape::Square => [0.5 * e * e, e, 1.0],
+            Shape::Power(p) => {
+                let size = e.abs();
+                [size.powf(p), p * size.powf(p - 1.0) * e.signum(), p * (p - 1.0) * size.powf(p - 2.0)]
+            }
+        }
+    }
+}
+
 /// One term of the sum.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {

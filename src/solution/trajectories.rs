@@ -1,0 +1,102 @@
+//! Functions of time.
+
+use super::Solution;
+use crate::nlp::polish::active;
+use crate::outcome::TrajectoryRow;
+
+/// Number of points at each end where reactions and accelerations of the midpoint scheme ring.
+const END_POINTS: usize = 4;
+
+impl Solution<'_> {
+    /// Functions of time at the collocation points, and the measured coordinates at the measured instants. Times are
+    /// those of the motion file, which `motion.time_scale` stretches from the start of the motion.
+    pub fn trajectory_rows(&self) -> Vec<TrajectoryRow> {
+        let (model, clock) = (self.model(), self.measurement.clock);
+        let mut rows = Vec::new();
+        let mut push = |t: f64, signal: &str, name: &str, value: f64, end_effect: bool| {
+            rows.push(TrajectoryRow {
+                time_s: clock + t,
+                signal: signal.to_owned(),
+                name: name.to_owned(),
+                value,
+                end_effect,
+            });
+        };
+        self.push_measured(&mut push);
+        let mut near = Vec::new();
+        // Functions of degree 0 ring at both ends.
+        let rings = self.inverse.motion.velocity.is_none();
+        let count = self.problem.scheme.points().len();
+        for (j, (&t, z)) in self.problem.scheme.points().iter().zip(self.locals()).enumerate() {
+            let end = rings && (j < END_POINTS || j + END_POINTS >= count);
+            let (q, complete) = (self.inverse.motion.all.of(&z), self.problem.points[j].complete);
+            for (i, name) in model.body_coordinate_names().iter().enumerate().filter(|_| complete) {
+                push(t, "acceleration", name, z[self.inverse.motion.accelerations.at(i)], end);
+            }
+            for (name, value) in model.joint_coordinate_values(q, &mut near) {
+                push(t, "joint_coordinate", name, value, false);
+            }
+            self.push_muscles(&mut push, (t, &z), complete);
+            let paths = model.muscles.iter().map(|muscle| (muscle.name.as_str(), muscle.path.positions(q)));
+            let lines = paths.map(|path| ("path_point_m", path));
+            for (signal, (name, line)) in
+                lines.chain(model.mechanics.bones(q).into_iter().map(|bone| ("bone_point_m", bone)))
+            {
+                for (k, place) in line.iter().enumerate() {
+                    for (axis, x) in ["x", "y", "z"].iter().zip(place) {
+                        push(t, signal, &format!("{name}.{k}.{axis}"), *x, false);
+                    }
+                }
+            }
+            for drive in self.inverse.actuators.iter().filter(|_| complete) {
+                let signal = if drive.joint.kind.is_angular() { "actuator_moment_n_m" } else { "actuator_force_n" };
+                push(t, signal, &drive.name, drive.moment * z[drive.control], false);
+            }
+            for (row, name) in model.reaction_names().into_iter().enumerate().filter(|_| complete) {
+                let Some(name) = name else { continue };
+                push(t, "reaction_n", &name, model.weight() * z[self.inverse.motion.reactions.at(row)], end);
+            }
+        }
+        let active = active(&self.iterate.inequalities);
+        for (bound, active) in self.problem.bounds.iter().zip(active) {
+            let limit = self.problem.limit(bound);
+            let name = format!("{}.{}", limit.member, limit.name);
+            let t = self.problem.scheme.points()[bound.point];
+            push(t, "bound_active", &name, f64::from(u8::from(active)), false);
+        }
+        rows
+    }
+
+    /// The measured coordinates at the measured instants, and the solution's there.
+    fn push_measured(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool)) {
+        let (model, motion) = (self.model(), &self.inverse.motion);
+        let names = model.body_coordinate_names();
+        let mut near = Vec::new();
+        for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
+            for (i, name) in names.iter().enumerate() {
+                push(t, "measured", name, measured[i], false);
+                push(t, "coordinate", name, self.coordinate(t, 0, i), false);
+            }
+            let mut all = motion.all.of(&self.inverse.control.given_at(t)).to_vec();
+            all[..measured.len()].copy_from_slice(measured);
+            for (name, value) in model.joint_coordinate_values(&all, &mut near) {
+                push(t, "measured_joint_coordinate", name, value, false);
+            }
+        }
+    }
+
+    /// The muscles' variables at a point.
+    fn push_muscles(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool), (t, z): (f64, &[f64]), complete: bool) {
+        let muscles = &self.inverse.muscles;
+        for (m, muscle) in self.model().muscles.iter().enumerate() {
+            push(t, "activation", &muscle.name, z[muscles.a.at(m)], false);
+            push(t, "fibre_length", &muscle.name, z[muscles.l.at(m)], false);
+            if complete {
+                let force = muscle.max_isometric_force * self.inverse.fibre_force(z, m);
+                push(t, "excitation", &muscle.name, z[muscles.u.at(m)], false);
+                push(t, "fibre_velocity", &muscle.name, z[muscles.l_rate.at(m)], false);
+                push(t, "force_n", &muscle.name, force, false);
+            }
+        }
+    }
+}
