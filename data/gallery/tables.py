@@ -137,8 +137,8 @@ def abduction(results):
     strength, offset = "muscle.TeresMajor.max_isometric_force", "motion.abduction_offset_deg"
     offsets = sorted(rows[offset].unique())
     lines = [f"| girdle | strength of teres major, N | {' | '.join(f'{value:g}°' for value in offsets)} |", "|---" * (2 + len(offsets)) + "|"]
-    for girdle in ["fixed", "prescribed", "equilibrium"]:
-        for force, of in rows[rows.girdle == girdle].groupby(strength):
+    for girdle in ["fixed", "given", "free"]:
+        for force, of in rows[rows["body.clavicle,scapula.role"] == girdle].groupby(strength):
             values = of.set_index(offset).value
             lines.append(f"| {girdle} | {force:g} | {' | '.join(f'{values[value]:.2f}' for value in offsets)} |")
     jobs = results.read("abduction")
@@ -151,7 +151,7 @@ def abduction(results):
 def pectoralis(results):
     slack, name = "muscle.PectoralisMajor*.tendon_slack_length_scale", "pectoralis_slack"
     rows = results.read(name).merge(pd.read_parquet(results.run(name) / "muscles.parquet").drop(columns="status"), on="job_id")
-    for axis, value in [("girdle", "equilibrium"), ("mu", 0.1)]:
+    for axis, value in [("body.clavicle,scapula.role", "free"), ("mu", 0.1)]:
         rows = rows[rows[axis] == value] if axis in rows else rows
     force = rows.pivot_table(index="muscle", columns=slack, values="mean_force_n")
     change = (force[0.85] - force[1.0]).sort_values(key=abs, ascending=False)

@@ -20,13 +20,10 @@ pub use mechanics::Mechanics;
 pub use musculotendon::Musculotendon;
 use std::sync::Arc;
 
-use crate::skeleton::{Girdle, Skeleton};
+use crate::skeleton::Skeleton;
 use path::Path;
 use planar::Planar;
 use spatial::Spatial;
-
-/// The name under which a study adds an abduction to a motion: `motion.abduction_offset_deg`.
-pub const ABDUCTION: &str = "abduction";
 
 /// Names of the coordinates of a body in space: position and Euler parameters.
 const SPATIAL_AXES: [&str; 7] = ["x", "y", "z", "e0", "e1", "e2", "e3"];
@@ -54,8 +51,8 @@ pub struct Actuator {
 
 impl Model {
     /// The model of a skeleton. Muscles that move no body with equations are left out: they act on nothing.
-    pub fn of_skeleton(skeleton: Arc<Skeleton>, girdle: Girdle) -> Self {
-        let spatial = Spatial::new(skeleton, girdle);
+    pub fn of_skeleton(skeleton: Arc<Skeleton>) -> Self {
+        let spatial = Spatial::new(skeleton);
         let muscles = (spatial.skeleton.muscles.iter())
             .filter(|muscle| spatial.is_moved_by(muscle))
             .map(|muscle| Musculotendon {
@@ -161,8 +158,7 @@ impl Model {
         }
     }
 
-    /// Values of the joint coordinates (rad, m) at all coordinates `q`, of a spatial model those that move by forces and the abduction
-    /// reached. `near`: values before, from which those of a spatial model are found, and which are brought up to date.
+    /// Values of the joint coordinates (rad, m) at all coordinates `q`, of a spatial model those that move by forces and its turns. `near`: values before, from which those of a spatial model are found, and which are brought up to date.
     pub fn joint_coordinate_values(&self, q: &[f64], near: &mut Vec<f64>) -> Vec<(&str, f64)> {
         match &self.mechanics {
             Mechanics::Planar(planar) => {
@@ -175,7 +171,7 @@ impl Model {
                 let found = spatial.joint_coordinates(q, near);
                 found.iter().for_each(|&(c, value)| near[c] = value);
                 let named = found.iter().map(|&(c, value)| (spatial.skeleton.coordinates[c].name.as_str(), value));
-                named.chain(spatial.abduction_reached(q).map(|angle| (ABDUCTION, angle))).collect()
+                named.chain(spatial.turns_reached(q)).collect()
             }
         }
     }
@@ -223,12 +219,11 @@ impl Model {
         spatial.skeleton.forces.iter().filter(|f| f.force.is_none()).map(|f| f.name.as_str()).collect()
     }
 
-    /// What a study may change in a motion: the joint coordinates, and the abduction of models that have one.
+    /// What a study may change in a motion: the joint coordinates, and the turns of a spatial model.
     pub fn motion_coordinates(&self) -> Vec<(&str, bool)> {
         let mut names = self.joint_coordinates();
-        if self.spatial().is_some_and(|spatial| spatial.skeleton.abduction.is_some()) {
-            names.push((ABDUCTION, true));
-        }
+        let turns = self.spatial().map_or(&[][..], |spatial| &spatial.skeleton.turns);
+        names.extend(turns.iter().map(|turn| (turn.name.as_str(), true)));
         names
     }
 

@@ -6,7 +6,7 @@ use crate::model::spatial::Spatial;
 use crate::model::spatial::joint::PER_BODY;
 use crate::numerics::cubic::CubicSpline;
 use crate::skeleton::frame::{Frame, minus, norm};
-use crate::skeleton::{Girdle, Role};
+use crate::skeleton::{Role, Turn};
 
 /// Joint coordinates as functions of time since the start of the motion, with the changes made by the study.
 #[derive(Clone, Debug)]
@@ -17,8 +17,8 @@ pub struct JointMotion {
     /// Start of the motion in the time of the motion table, s.
     start: f64,
     time_scale: f64,
-    /// Additional abduction, rad.
-    abduction: f64,
+    /// Additional angle of each turn of the skeleton, rad.
+    turns: Vec<f64>,
     /// All body coordinates at the start; they fix the signs of the Euler parameters.
     first: Vec<f64>,
 }
@@ -38,16 +38,15 @@ pub enum CoordinateFunction {
 }
 
 impl JointMotion {
-    /// `coordinates`: one for each joint coordinate of the skeleton; `start` in s, `abduction` in rad.
+    /// `coordinates`: one for each joint coordinate of the skeleton; `start` in s; `turns`: angles in rad.
     pub fn new(
         spatial: &Spatial,
         coordinates: Vec<CoordinateFunction>,
         start: f64,
         time_scale: f64,
-        abduction: f64,
+        turns: Vec<f64>,
     ) -> Self {
-        let mut motion =
-            Self { spatial: spatial.clone(), coordinates, start, time_scale, abduction, first: Vec::new() };
+        let mut motion = Self { spatial: spatial.clone(), coordinates, start, time_scale, turns, first: Vec::new() };
         motion.first = spatial.coordinates_of(&motion.frames(0.0).real(), None);
         motion
     }
@@ -71,29 +70,30 @@ impl JointMotion {
         let skeleton = &self.spatial.skeleton;
         let pose = self.pose(t);
         let moving = skeleton.frames(&pose);
-        let fixed = self.spatial.girdle == Girdle::Fixed;
-        if self.abduction == 0.0 && !(fixed && skeleton.bodies.iter().any(|body| body.role == Role::Girdle)) {
+        let is_fixed = |body: usize| skeleton.bodies[body].role == Role::Fixed;
+        let any_fixed = (0..skeleton.bodies.len()).any(is_fixed);
+        if !any_fixed && self.turns.iter().all(|angle| *angle == 0.0) {
             return BodyPoses(moving);
         }
-        let held = if fixed { self.pose(0.0).into_iter().map(|x| Dual64::from(x.re)).collect() } else { Vec::new() };
-        let is_girdle = |body: usize| fixed && skeleton.bodies[body].role == Role::Girdle;
+        let held =
+            if any_fixed { self.pose(0.0).into_iter().map(|x| Dual64::from(x.re)).collect() } else { Vec::new() };
         let mut frames: Vec<Frame<Dual64>> = vec![Frame::identity(); skeleton.bodies.len()];
         for joint in &skeleton.joints {
             let parent = joint.parent.map_or_else(Frame::identity, |parent| frames[parent]);
             let place = parent * joint.in_parent.lift();
-            let pose = if is_girdle(joint.child) { &held } else { &pose };
+            let pose = if is_fixed(joint.child) { &held } else { &pose };
             let mut frame = place * joint.motion.frame(pose) * joint.in_child.inverse().lift();
-            // A body attached to a fixed girdle keeps the orientation in space that it has with the moving girdle.
-            let is_on_girdle = joint.parent.is_some_and(is_girdle) && !is_girdle(joint.child);
-            let abducted = skeleton.abduction.as_ref().filter(|a| a.body == joint.child && self.abduction != 0.0);
-            if is_on_girdle || abducted.is_some() {
-                let mut axes = if is_on_girdle { moving[joint.child].axes } else { frame.axes };
-                if let Some(abduction) = abducted {
-                    let against = frames[abduction.against];
-                    let axis =
-                        [0, 1, 2].map(|i| (0..3).map(|j| against.axes[i][j].re * abduction.axis[j]).sum::<f64>());
-                    let turn = Frame::rotation(axis, Dual64::from(self.abduction));
-                    axes = (turn * Frame { axes, origin: frame.origin }).axes;
+            // A body on a fixed one keeps the orientation in space that it has where that one moves.
+            let is_on_fixed = joint.parent.is_some_and(is_fixed) && !is_fixed(joint.child);
+            let own = |(turn, angle): &(&Turn, &f64)| turn.body == joint.child && **angle != 0.0;
+            let turns: Vec<(&Turn, &f64)> = skeleton.turns.iter().zip(&self.turns).filter(own).collect();
+            if is_on_fixed || !turns.is_empty() {
+                let mut axes = if is_on_fixed { moving[joint.child].axes } else { frame.axes };
+                for (turn, angle) in turns {
+                    let against = frames[turn.against];
+                    let axis = [0, 1, 2].map(|i| (0..3).map(|j| against.axes[i][j].re * turn.axis[j]).sum::<f64>());
+                    let turned = Frame::rotation(axis, Dual64::from(*angle));
+                    axes = (turned * Frame { axes, origin: frame.origin }).axes;
                 }
                 let centre = (place * joint.motion.frame(pose)).origin;
                 let turned = Frame { axes, origin: [Dual64::from(0.0); 3] };

@@ -13,7 +13,7 @@ use crate::deadline::Deadline;
 use crate::model::assembly::CannotAssemble;
 use crate::model::planar::Planar;
 use crate::model::spatial::Spatial;
-use crate::model::{ABDUCTION, Mechanics, Model};
+use crate::model::{Mechanics, Model};
 use crate::numerics::cubic::{CubicSpline, Ends};
 
 /// How a study resamples and modifies a motion before tracking.
@@ -218,8 +218,8 @@ impl MotionSettings {
                 _ => CoordinateFunction::Constant(coordinate.default),
             })
             .collect();
-        let (abduction, _) = self.change(ABDUCTION);
-        JointMotion::new(spatial, coordinates, table.start(), self.time_scale, abduction)
+        let turns = spatial.skeleton.turns.iter().map(|turn| self.change(&turn.name).0).collect();
+        JointMotion::new(spatial, coordinates, table.start(), self.time_scale, turns)
     }
 
     /// External forces, and the motion of the bodies with prescribed motion.

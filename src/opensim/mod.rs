@@ -176,7 +176,7 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         held_point: Vec::new(),
         force: Vec::new(),
         actuator: Vec::new(),
-        abduction: None,
+        turn: Vec::new(),
         gravity: parts.gravity()?,
         curves: CurvesEntry::default(),
         muscles: MusclesEntry::default(),

@@ -79,7 +79,7 @@ pub struct PlannedJob {
     /// Settings that differ from the base.
     pub settings: Map<String, Json>,
     /// Changed numbers of the model, by path.
-    pub model_changes: BTreeMap<String, f64>,
+    pub model_changes: BTreeMap<String, Value>,
     pub points: usize,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warm_start_from: Option<String>,
@@ -101,7 +101,7 @@ fn planned(job: &Job, base: &Map<String, Json>) -> PlannedJob {
         index: job.index,
         swept: job.swept.clone(),
         settings,
-        model_changes: job.changes.iter().map(|change| (change.path.clone(), change.value)).collect(),
+        model_changes: job.changes.iter().map(|change| (change.path.clone(), change.value.clone())).collect(),
         points: job.points,
         warm_start_from: job.warm_start_from.clone(),
     }

@@ -9,6 +9,7 @@ use super::store::Store;
 use crate::SOLVER;
 use crate::error::Result;
 use crate::outcome::Status;
+use crate::study::settings::Value;
 use crate::study::{Job, SCHEMA_VERSION, Study};
 
 /// What is known about a job before a run.
@@ -92,7 +93,7 @@ struct EarlierPlan {
 }
 
 /// Swept values as one text, sorted by name, so that the order of the axes does not matter.
-fn key<'v>(axes: &[String], swept: impl Iterator<Item = &'v Option<crate::study::settings::Value>>) -> String {
+fn key<'v>(axes: &[String], swept: impl Iterator<Item = &'v Option<Value>>) -> String {
     let mut parts: Vec<String> =
         axes.iter().zip(swept).filter_map(|(name, value)| Some(format!("{name}={}", value.as_ref()?))).collect();
     parts.sort();
@@ -126,13 +127,14 @@ impl EarlierPlan {
                 what.push(format!("{name} {} → {now}", then.map_or("unknown".to_owned(), ToString::to_string)));
             }
         }
-        let now: BTreeMap<&str, f64> = job.changes.iter().map(|change| (change.path.as_str(), change.value)).collect();
+        let now: BTreeMap<&str, &Value> =
+            job.changes.iter().map(|change| (change.path.as_str(), &change.value)).collect();
         let paths: std::collections::BTreeSet<&str> =
             now.keys().copied().chain(old.model_changes.keys().map(String::as_str)).collect();
         for path in paths {
-            let (then, now) = (old.model_changes.get(path), now.get(path));
+            let (then, now) = (old.model_changes.get(path), now.get(path).copied());
             if then != now {
-                let shown = |value: Option<&f64>| value.map_or("as in the model".to_owned(), ToString::to_string);
+                let shown = |value: Option<&Value>| value.map_or("as in the model".to_owned(), ToString::to_string);
                 what.push(format!("{path} {} → {}", shown(then), shown(now)));
             }
         }

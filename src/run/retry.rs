@@ -96,9 +96,10 @@ fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
             (name.clone(), linear(a.0, b.0), linear(a.1, b.1))
         })
         .collect();
+    let set = |job: &Job, path: &str| job.changes.iter().find(|change| change.path == path).map(|c| c.value.clone());
     let number = |job: &Job, path: &str| {
-        let set = job.changes.iter().find(|change| change.path == path).map(|change| change.value);
-        set.or_else(|| study.model_number(path)).or_else(|| path.ends_with("_scale").then_some(1.0))
+        let own = set(job, path).map_or_else(|| study.model_number(path), |value| value.number());
+        own.or_else(|| path.ends_with("_scale").then_some(1.0))
     };
     let mut paths: Vec<(bool, &String)> =
         [from, to].iter().flat_map(|j| j.changes.iter().map(|c| (c.is_factor(), &c.path))).collect();
@@ -106,7 +107,11 @@ fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
     paths.dedup();
     job.changes = (paths.into_iter())
         .filter_map(|(_, path)| {
-            let value = linear(number(from, path)?, number(to, path)?);
+            // What is no number is as in the target.
+            let value = match (number(from, path), number(to, path)) {
+                (Some(from), Some(to)) => Value::Number(linear(from, to)),
+                _ => set(to, path)?,
+            };
             Some(ModelChange { path: path.clone(), value })
         })
         .collect();

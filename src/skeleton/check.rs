@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::file::Checked;
 use super::surface::Shape;
-use super::{Girdle, Motion, Muscle, Role, Skeleton};
+use super::{Motion, Muscle, Role, Skeleton};
 use crate::error::Issue;
 use crate::model::spatial::{Spatial, path::SLOTS};
 
@@ -65,7 +65,7 @@ impl Skeleton {
             found.push(Issue::new(&["body"], message, help));
             return found;
         }
-        let spatial = Spatial::new(Arc::new(self.clone()), Girdle::Equilibrium);
+        let spatial = Spatial::new(Arc::new(self.clone()));
         for body in spatial.bodies.iter().filter(|body| body.mass.is_nan() || body.mass <= 0.0) {
             let help = "give it a mass, weld it to a body that has one, or give it the role \"given\"";
             found.push(Issue::new(&["body", &body.name, "mass"], "the body moves by forces and has no mass", help));
@@ -80,9 +80,9 @@ impl Skeleton {
         found
     }
 
-    /// True if the body moves by forces in at least one variant of the girdle.
+    /// True if the body moves by forces.
     pub fn moves_by_forces(&self, body: usize) -> bool {
-        self.bodies[body].role != Role::Given
+        self.bodies[body].role == Role::Free
     }
 
     /// Obstacles in the path of a muscle that acts on bodies that move by forces.
@@ -116,8 +116,8 @@ impl Skeleton {
         for joint in &self.joints {
             let Some(parent) = joint.parent else { continue };
             let (parent, child) = (&self.bodies[parent], &self.bodies[joint.child]);
-            if child.role == Role::Given && parent.role != Role::Given {
-                let message = format!("its motion is given, but its parent `{}` moves by forces", parent.name);
+            if child.role != Role::Free && parent.role == Role::Free {
+                let message = format!("its motion is known, but its parent `{}` moves by forces", parent.name);
                 let help = "give the parent the role \"given\" too, or remove the role of this body";
                 return Err(Issue::new(&["body", &child.name, "role"], message, help));
             }

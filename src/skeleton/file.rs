@@ -12,7 +12,7 @@ use super::frame::Frame;
 use super::function::{Function, FunctionEntry};
 use super::path::{Move, MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
-use super::{Abduction, Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton};
+use super::{Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton, Turn};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 use crate::model::curves::ForceVelocity;
 use crate::model::file::{ActuatorEntry, CurvesEntry, finite, named, positive, unique};
@@ -53,8 +53,9 @@ pub struct SkeletonFile {
     /// Actuators that are no muscles. They have no effect yet: reserves and actuators need a planar model.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub actuator: Vec<ActuatorEntry>,
-    /// What `motion.abduction_offset_deg` turns.
-    pub abduction: Option<AbductionEntry>,
+    /// Rotations that a study may add to the motion as `motion.<name>_offset_deg`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub turn: Vec<TurnEntry>,
     /// Acceleration of gravity in the ground frame, m/s².
     #[serde(default = "earth")]
     pub gravity: [f64; 3],
@@ -125,17 +126,19 @@ fn one() -> f64 {
     1.0
 }
 
-/// The rotation by which a study adds abduction to the motion.
+/// A rotation that a study may add to the motion.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct AbductionEntry {
+pub struct TurnEntry {
+    /// Name of the rotation; its angle is reported as a joint coordinate.
+    pub name: String,
     /// The body that turns, with everything attached to it.
     pub body: String,
     /// The body that carries the axis.
     pub against: String,
     /// Axis of rotation, in the axes of `against`.
     pub axis: [f64; 3],
-    /// Long axis of `body`, in its own axes. Its angle about `axis` is the abduction that is reported.
+    /// Long axis of `body`, in its own axes. Its angle about `axis` is reported.
     pub long_axis: [f64; 3],
 }
 
@@ -458,7 +461,9 @@ impl SkeletonFile {
         }
         mistakes.take(named(&["name"], &self.name));
         mistakes.take(unique("body", self.body.iter().map(|body| body.name.as_str())));
-        mistakes.take(unique("coordinate", self.coordinate.iter().map(|coordinate| coordinate.name.as_str())));
+        let turns = self.turn.iter().map(|turn| turn.name.as_str());
+        let coordinates = self.coordinate.iter().map(|coordinate| coordinate.name.as_str());
+        mistakes.take(unique("coordinate", coordinates.chain(turns)));
         mistakes.take(unique("surface", self.surface.iter().map(|surface| surface.name.as_str())));
         mistakes.take(unique("joint", self.joint.iter().map(|joint| joint.name.as_str())));
         mistakes.take(unique("muscle", self.muscle.iter().map(|muscle| muscle.name.as_str())));
@@ -487,7 +492,7 @@ impl SkeletonFile {
         let forces = mistakes.all(self.force.iter().map(|force| force.check(&names)));
         let coordinates = self.coordinate.iter().map(|coordinate| coordinate.name.as_str());
         mistakes.all(self.actuator.iter().map(|actuator| actuator.check(coordinates.clone())));
-        let abduction = mistakes.all(self.abduction.iter().map(|abduction| abduction.check(&names))).pop();
+        let turns = mistakes.all(self.turn.iter().map(|turn| turn.check(&names)));
         mistakes.none()?;
 
         if names.bodies.last() == Some(&GROUND) {
@@ -503,7 +508,7 @@ impl SkeletonFile {
             surfaces,
             held_points,
             forces,
-            abduction,
+            turns,
             gravity: self.gravity,
             muscles,
         };
@@ -666,17 +671,18 @@ impl ForceEntry {
     }
 }
 
-impl AbductionEntry {
-    fn check(&self, names: &Names<'_>) -> Checked<Abduction> {
-        let body = |name: &str, key: &str| find("body", &names.bodies, name, &["abduction", key]);
+impl TurnEntry {
+    fn check(&self, names: &Names<'_>) -> Checked<Turn> {
+        let body = |name: &str, key: &str| find("body", &names.bodies, name, &["turn", &self.name, key]);
         for (key, axis) in [("axis", &self.axis), ("long_axis", &self.long_axis)] {
             let length = super::frame::norm(axis);
             if !(length.is_finite() && length > 1e-9) {
                 let message = format!("the axis {axis:?} has no direction");
-                return Err(Issue::new(&["abduction", key], message, "give a nonzero vector"));
+                return Err(Issue::new(&["turn", &self.name, key], message, "give a nonzero vector"));
             }
         }
-        Ok(Abduction {
+        Ok(Turn {
+            name: self.name.clone(),
             body: body(&self.body, "body")?,
             against: body(&self.against, "against")?,
             axis: super::frame::unit(&self.axis),

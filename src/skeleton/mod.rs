@@ -41,8 +41,8 @@ pub struct Skeleton {
     pub forces: Vec<Force>,
     /// Gravitational acceleration, m/s².
     pub gravity: [f64; 3],
-    /// The rotation by which a study adds abduction to the motion.
-    pub abduction: Option<Abduction>,
+    /// Rotations that a study may add to the motion.
+    pub turns: Vec<Turn>,
 }
 
 /// What determines the motion of a body in a study.
@@ -53,19 +53,8 @@ pub enum Role {
     Free,
     /// the motion file
     Given,
-    /// what the study's `girdle` setting says
-    Girdle,
-}
-
-/// Variants of the shoulder girdle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Girdle {
-    /// Stays in its pose at the start of the motion.
+    /// nothing: it keeps its pose at the start of the motion, and bodies on it keep their orientation in space
     Fixed,
-    /// Moves as the motion file says.
-    Prescribed,
-    /// Moves by forces.
-    Equilibrium,
 }
 
 /// A point constraint: two points, one in each body's frame (m), that coincide.
@@ -91,13 +80,14 @@ pub struct Force {
 
 /// A rotation of a body, and of everything attached to it, around the body's joint about an axis of another body.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Abduction {
+pub struct Turn {
+    pub name: String,
     pub body: usize,
     /// The body that carries the axis.
     pub against: usize,
     /// In the axes of `against`.
     pub axis: [f64; 3],
-    /// Long axis of the body, in its own axes. Its angle about `axis` is the abduction that is reported.
+    /// Long axis of the body, in its own axes. Its angle about `axis` is reported.
     pub long_axis: [f64; 3],
 }
 

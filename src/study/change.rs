@@ -1,10 +1,11 @@
-//! Changes numbers of a model by path: `muscle.triceps.tendon_slack_length`, or `…_scale` for a factor.
+//! Changes values of a model by path: `muscle.triceps.tendon_slack_length`, or `…_scale` for a factor, or
+//! `body.scapula.role`.
 
 use serde::{Deserialize, Serialize};
 
 use std::sync::Arc;
 
-use super::settings::{Girdle, InvalidValue, Value, describe};
+use super::settings::{InvalidValue, Value, describe};
 use crate::error::{Issue, nearest};
 use crate::model::Model;
 use crate::model::file::ModelFile;
@@ -14,7 +15,7 @@ use crate::skeleton::file::SkeletonFile;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelChange {
     pub path: String,
-    pub value: f64,
+    pub value: Value,
 }
 
 /// Tables of numbers that all have defaults.
@@ -33,7 +34,7 @@ pub const GROUPS: [&str; 12] = [
     "surface",
     "coordinate",
     "held_point",
-    "abduction",
+    "turn",
 ];
 
 /// Whether a name in a study refers to the model rather than to a setting.
@@ -65,18 +66,18 @@ fn canonical(model: &toml::Table, path: &str) -> String {
     keys.join(".")
 }
 
-/// The paths that `path` stands for: itself, or all that match if it contains `*`, in the order of the model file.
+/// The paths that `path` stands for: itself, or all that match if it contains `*` or `,`, in the order of the model file.
 ///
 /// # Errors
 /// If nothing matches.
 pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, InvalidValue> {
-    if !path.contains('*') {
+    if !path.contains(['*', ',']) {
         return Ok(vec![canonical(model, path)]);
     }
     let keys: Vec<&str> = path.split('.').collect();
     let mut found = vec![(Vec::new(), None::<&toml::Value>)];
     for (depth, key) in keys.iter().enumerate() {
-        let pattern = wildmatch::WildMatch::new(key);
+        let patterns: Vec<wildmatch::WildMatch> = key.split(',').map(wildmatch::WildMatch::new).collect();
         let mut next = Vec::new();
         for (prefix, place) in found {
             let names: Vec<String> = match place {
@@ -86,9 +87,9 @@ pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, InvalidV
                 Some(_) => Vec::new(),
             };
             // The last key may be a factor, or a key that the file omits because it keeps the default.
-            let fits: Vec<String> = match depth + 1 == keys.len() && !key.contains('*') {
+            let fits: Vec<String> = match depth + 1 == keys.len() && !key.contains(['*', ',']) {
                 true => vec![(*key).to_owned()],
-                false => names.iter().filter(|name| pattern.matches(name)).cloned().collect(),
+                false => names.iter().filter(|name| patterns.iter().any(|p| p.matches(name))).cloned().collect(),
             };
             for name in fits {
                 let inner = match place {
@@ -103,7 +104,7 @@ pub fn matching(model: &toml::Table, path: &str) -> Result<Vec<String>, InvalidV
             let beginning = keys[..=depth].join(".");
             return Err(InvalidValue::new(
                 format!("nothing in the model matches `{beginning}`"),
-                "* matches any characters of one name, as in muscle.*.tendon_slack_length_scale",
+                "* matches any characters of one name, as in muscle.*.tendon_slack_length_scale; a comma separates names",
             ));
         }
         found = next;
@@ -130,22 +131,47 @@ fn child<'t>(place: &'t toml::Value, key: &str) -> Option<&'t toml::Value> {
 
 /// The number at a path of the model; `None` if the file omits it.
 pub fn number_at(model: &toml::Table, path: &str) -> Option<f64> {
+    value_at(model, path)?.number()
+}
+
+/// The value at a path of the model; `None` if the file omits it.
+pub fn value_at(model: &toml::Table, path: &str) -> Option<Value> {
     let mut keys = path.split('.');
     let mut place = model.get(keys.next()?)?;
     for key in keys {
         place = child(place, key)?;
     }
-    Value::of(place)?.number()
+    Value::of(place)
 }
 
 impl ModelChange {
-    pub fn new(path: &str, value: &Value) -> Result<Self, InvalidValue> {
-        match value.number() {
-            Some(value) if value.is_finite() => Ok(Self { path: path.to_owned(), value: value + 0.0 }), // no −0
-            _ => {
-                Err(InvalidValue::new(format!("found {}", describe(value)), "a parameter of the model must be finite"))
+    /// # Errors
+    /// As [`ModelChange::check`].
+    pub fn new(model: &toml::Table, path: &str, value: &Value) -> Result<Self, InvalidValue> {
+        Self::check(model, path, value)?;
+        let value = value.number().map_or_else(|| value.clone(), |number| Value::Number(number + 0.0)); // no −0
+        Ok(Self { path: path.to_owned(), value })
+    }
+
+    /// Checks that a value is of the kind of the one in the model.
+    ///
+    /// # Errors
+    /// If it is not, or not finite.
+    pub fn check(model: &toml::Table, path: &str, value: &Value) -> Result<(), InvalidValue> {
+        let own = if path.ends_with("_scale") { Some(Value::Number(1.0)) } else { value_at(model, path) };
+        let fits = match (value, &own) {
+            (Value::Integer(_) | Value::Number(_), None | Some(Value::Integer(_) | Value::Number(_))) => {
+                value.number().is_some_and(f64::is_finite)
             }
-        }
+            (Value::Text(_), None | Some(Value::Text(_))) | (Value::Flag(_), None | Some(Value::Flag(_))) => true,
+            _ => false,
+        };
+        let help = match own {
+            Some(Value::Text(own)) => format!("give a text, such as \"{own}\""),
+            Some(Value::Flag(_)) => "it must be true or false".to_owned(),
+            _ => "give a finite number".to_owned(),
+        };
+        if fits { Ok(()) } else { Err(InvalidValue::new(format!("found {}", describe(value)), help)) }
     }
 
     /// Whether this multiplies a value instead of setting it.
@@ -155,7 +181,11 @@ impl ModelChange {
 
     /// Whether the change leaves the model as it is.
     pub fn has_no_effect(&self, model: &toml::Table) -> bool {
-        if self.is_factor() { self.value == 1.0 } else { number_at(model, &self.path) == Some(self.value) }
+        match self.value.number() {
+            Some(number) if self.is_factor() => number == 1.0,
+            Some(number) => number_at(model, &self.path) == Some(number),
+            None => value_at(model, &self.path).as_ref() == Some(&self.value),
+        }
     }
 
     /// Applies the change to the table of the model file.
@@ -163,6 +193,7 @@ impl ModelChange {
     /// # Errors
     /// If the path does not lead to a number. The help says where it fails and which keys are there.
     pub fn apply(&self, table: &mut toml::Table) -> Result<(), InvalidValue> {
+        let factor = self.value.number().unwrap_or(1.0);
         let keys: Vec<&str> = self.path.split('.').collect();
         // force.<name>_scale scales force and moment together.
         if let ["force", name] = keys[..]
@@ -173,10 +204,10 @@ impl ModelChange {
             if place.is_some_and(|force| force.get("force").is_none()) {
                 let scale = place.and_then(|force| force.get("scale")).and_then(Value::of).and_then(|v| v.number());
                 let path = format!("force.{name}.scale");
-                return Self { path, value: self.value * scale.unwrap_or(1.0) }.apply(table);
+                return Self { path, value: Value::Number(factor * scale.unwrap_or(1.0)) }.apply(table);
             }
             for key in ["force", "moment"] {
-                let change = Self { path: format!("force.{name}.{key}_scale"), value: self.value };
+                let change = Self { path: format!("force.{name}.{key}_scale"), value: Value::Number(factor) };
                 match change.apply(table) {
                     Err(_) if key == "moment" => {} // zero if not in the file
                     other => other?,
@@ -214,7 +245,7 @@ impl ModelChange {
                 match index {
                     Some(i) if !rest.is_empty() => self.walk(&mut items[i], rest),
                     Some(i) if is_number(&items[i]) => {
-                        items[i] = toml::Value::Float(self.value);
+                        items[i] = self.toml();
                         Ok(())
                     }
                     Some(_) => Err(InvalidValue::new(
@@ -239,7 +270,7 @@ impl ModelChange {
                 Some(value) => value,
                 None => return Err(self.no_such_key(base, table.keys().map(String::as_str))),
             };
-            return scale(value, self.value).ok_or_else(|| {
+            return scale(value, self.value.number().unwrap_or(1.0)).ok_or_else(|| {
                 InvalidValue::new(
                     format!("`{base}` is not a number and cannot be scaled"),
                     "only numbers and lists of numbers can be scaled",
@@ -247,15 +278,23 @@ impl ModelChange {
             });
         }
         match table.get(key) {
-            Some(value) if !is_number(value) => Err(InvalidValue::new(
+            Some(value) if Value::of(value).is_none() => Err(InvalidValue::new(
                 format!("`{}` is not a numeric parameter of the model", self.path),
-                "only numbers can be changed",
+                "only numbers, texts and flags can be changed",
             )),
-            // A number that the file omits may be set; an unknown key fails when the model is checked.
+            // A value that the file omits may be set; an unknown key fails when the model is checked.
             _ => {
-                table.insert(key.to_owned(), toml::Value::Float(self.value));
+                table.insert(key.to_owned(), self.toml());
                 Ok(())
             }
+        }
+    }
+
+    fn toml(&self) -> toml::Value {
+        match &self.value {
+            Value::Text(text) => toml::Value::String(text.clone()),
+            Value::Flag(flag) => toml::Value::Boolean(*flag),
+            number => toml::Value::Float(number.number().unwrap_or(f64::NAN)),
         }
     }
 
@@ -287,7 +326,7 @@ fn scale(value: &mut toml::Value, factor: f64) -> Option<()> {
 ///
 /// # Errors
 /// The first change that cannot be applied, or why the changed model is invalid.
-pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdle) -> Result<Model, InvalidValue> {
+pub fn changed_model(table: &toml::Table, changes: &[ModelChange]) -> Result<Model, InvalidValue> {
     let mut table = table.clone();
     for change in changes {
         change.apply(&mut table)?;
@@ -300,7 +339,7 @@ pub fn changed_model(table: &toml::Table, changes: &[ModelChange], girdle: Girdl
         let file: SkeletonFile = table.try_into().map_err(unreadable)?;
         let skeleton = file.check().map_err(invalid)?;
         skeleton.check_study().map_err(invalid)?;
-        return Ok(Model::of_skeleton(Arc::new(skeleton), girdle.into()));
+        return Ok(Model::of_skeleton(Arc::new(skeleton)));
     }
     let file: ModelFile = table.try_into().map_err(unreadable)?;
     file.check().map_err(invalid)

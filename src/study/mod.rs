@@ -138,7 +138,7 @@ impl Study {
     /// If the changes together make the model invalid. (Only in a study with very many changed models, of which not all
     /// are checked when it is loaded.)
     pub fn model_of(&self, job: &Job) -> std::result::Result<Model, InvalidValue> {
-        changed_model(&self.model_table, &job.changes, job.settings.girdle)
+        changed_model(&self.model_table, &job.changes)
     }
 
     /// `regularity` and id of each job that has the same solution as `job`, since it differs only in `regularity` and
@@ -251,7 +251,7 @@ pub fn load_model(file: &SourceFile) -> Result<(toml::Table, Model)> {
     }
     let (table, skeleton) = load_skeleton(file)?;
     skeleton.check_study().map_err(|issue| error_of(file, &issue))?;
-    Ok((table, Model::of_skeleton(Arc::new(skeleton), crate::skeleton::Girdle::Prescribed)))
+    Ok((table, Model::of_skeleton(Arc::new(skeleton))))
 }
 
 /// True for an OpenSim model and for the file of a spatial model.

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
-use super::settings::{BoundKind, Girdle, InvalidValue, RegularityMode, Settings, Value, WarmStart};
+use super::settings::{BoundKind, InvalidValue, RegularityMode, Settings, Value, WarmStart};
 use super::size;
 use super::sweep::{self, Expansion, KeyPath, SweepPoint};
 use super::{Job, SCHEMA_VERSION};
@@ -128,7 +128,7 @@ impl<'m> Plan<'m> {
         }
         mistakes.none()?;
         plan.check_base(&base).map_err(|issue| vec![issue])?;
-        changed_model(model_table, &plan.base_changes, plan.base.girdle)
+        changed_model(model_table, &plan.base_changes)
             .map_err(|c| vec![complaint_at(vec!["base".to_owned(), plan.culprit(&plan.base_changes)], c)])?;
 
         let single = [Sweep::default()];
@@ -139,10 +139,13 @@ impl<'m> Plan<'m> {
             let place =
                 if sweeps.len() == 1 { vec!["sweep".to_owned()] } else { vec!["sweep".to_owned(), i.to_string()] };
             let value = |point: &SweepPoint, name: &str| plan.value_at(point, name);
-            let check = |name: &str, value: &Value| match is_model_path(name) || name == sweep::SAMPLE {
-                true if value.number().is_none() => Err(InvalidValue::new(format!("found {value}"), "give a number")),
-                true => Ok(()),
-                false => Settings::default().set(name, value, &plan.coordinates),
+            let check = |name: &str, value: &Value| match name {
+                sweep::SAMPLE if value.number().is_none() => {
+                    Err(InvalidValue::new(format!("found {value}"), "give a number"))
+                }
+                sweep::SAMPLE => Ok(()),
+                _ if is_model_path(name) => ModelChange::check(plan.model_table, name, value),
+                _ => Settings::default().set(name, value, &plan.coordinates),
             };
             let context = sweep::SweepContext { value: &value, check: &check };
             let Some(expansion) = mistakes.take(sweep::expand(sweep, &place, &context)) else { continue };
@@ -204,7 +207,8 @@ impl<'m> Plan<'m> {
         if is_model_path(name) && !self.paths.contains_key(name) {
             let paths = change::matching(self.model_table, name)?;
             for path in &paths {
-                ModelChange { path: path.clone(), value: 1.0 }.apply(&mut self.model_table.clone())?;
+                let value = change::value_at(self.model_table, path).unwrap_or(Value::Number(1.0));
+                ModelChange { path: path.clone(), value }.apply(&mut self.model_table.clone())?;
             }
             self.paths.insert(name.into(), paths);
         }
@@ -226,7 +230,7 @@ impl<'m> Plan<'m> {
         for path in paths {
             self.check_size(name, path, value)?;
             // A swept value replaces the fixed one. Changes without effect are dropped: equal jobs have equal ids.
-            let change = ModelChange::new(path, value)?;
+            let change = ModelChange::new(self.model_table, path, value)?;
             changes.retain(|other| other.path != change.path);
             if !change.has_no_effect(self.model_table) {
                 changes.push(change);
@@ -352,14 +356,14 @@ impl<'m> Plan<'m> {
                 &found
             }
         };
-        let number = |path: &String| {
-            let set = changes.iter().find(|change| change.path == *path).map(|change| change.value);
-            let factor = path.ends_with("_scale").then_some(1.0);
-            set.or_else(|| change::number_at(self.model_table, path)).or(factor)
+        let value = |path: &String| {
+            let set = changes.iter().find(|change| change.path == *path).map(|change| change.value.clone());
+            let factor = path.ends_with("_scale").then_some(Value::Number(1.0));
+            set.or_else(|| change::value_at(self.model_table, path)).or(factor)
         };
-        let mut numbers = paths.iter().map(number);
-        let first = numbers.next()??;
-        numbers.all(|number| number == Some(first)).then_some(Value::Number(first))
+        let mut values = paths.iter().map(value);
+        let first = values.next()??;
+        values.all(|value| value.is_some_and(|value| value.same(&first))).then_some(first)
     }
 
     /// The jobs in the order of the sweeps, without repetitions.
@@ -432,7 +436,7 @@ impl<'m> Plan<'m> {
         let mut before: Option<&[ModelChange]> = None;
         for job in changed.into_iter().step_by(stride) {
             if before != Some(&job.changes[..]) {
-                changed_model(self.model_table, &job.changes, job.settings.girdle)
+                changed_model(self.model_table, &job.changes)
                     .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
             }
             before = Some(&job.changes);
@@ -466,10 +470,6 @@ impl<'m> Plan<'m> {
                 let help = "reserves need a planar model: remove the key";
                 return Err(complaint_at(self.place("reserves"), InvalidValue::new("the model is spatial", help)));
             }
-            if !spatial && job.settings.girdle != Girdle::Prescribed {
-                let help = "only spatial models have a girdle: remove the key";
-                return Err(complaint_at(self.place("girdle"), InvalidValue::new("the model is planar", help)));
-            }
         }
         Ok(())
     }
@@ -484,8 +484,7 @@ impl<'m> Plan<'m> {
 
     /// The path of the first change that makes the model invalid.
     fn culprit(&self, changes: &[ModelChange]) -> String {
-        let first =
-            (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n], self.base.girdle).is_err());
+        let first = (1..=changes.len()).find(|&n| changed_model(self.model_table, &changes[..n]).is_err());
         first.map_or_else(String::new, |n| changes[n - 1].path.clone())
     }
 }

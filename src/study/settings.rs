@@ -153,28 +153,6 @@ choices! {
 }
 
 choices! {
-    /// Motion of the shoulder girdle of a spatial model: bodies with the role `girdle`.
-    Girdle {
-        /// clavicle and scapula keep their initial pose; the arm keeps its orientation in space
-        Fixed = "fixed",
-        /// they follow the motion file
-        Prescribed = "prescribed",
-        /// they move by forces, including those of their muscles
-        Equilibrium = "equilibrium",
-    }
-}
-
-impl From<Girdle> for crate::skeleton::Girdle {
-    fn from(girdle: Girdle) -> Self {
-        match girdle {
-            Girdle::Fixed => Self::Fixed,
-            Girdle::Prescribed => Self::Prescribed,
-            Girdle::Equilibrium => Self::Equilibrium,
-        }
-    }
-}
-
-choices! {
     /// When ranks are computed.
     RegularityMode {
         /// at every iterate and at the optimum
@@ -260,8 +238,6 @@ pub struct Settings {
     pub stages: usize,
     pub initial: Initial,
     pub bounds: Bounds,
-    #[serde(skip_serializing_if = "is_default_girdle")]
-    pub girdle: Girdle,
     pub load_sharing_grid: LoadSharingGrid,
     /// Moment (N m) or force (N) of a reserve actuator at each joint coordinate, at a control of 1; 0 for none. A number
     /// for all coordinates, or a table by coordinate, such as `reserves.elbow_angle`. Planar models only.
@@ -320,11 +296,6 @@ pub struct Settings {
     pub warn: Limits,
 }
 
-/// The default is not part of a job's identity; otherwise the ids of all planar jobs would change.
-fn is_default_girdle(girdle: &Girdle) -> bool {
-    *girdle == Girdle::Prescribed
-}
-
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
@@ -355,7 +326,6 @@ impl Default for Settings {
             stages: 3,
             initial: Initial::Equilibrium,
             bounds: Bounds::Both,
-            girdle: Girdle::Prescribed,
             load_sharing_grid: LoadSharingGrid::Measurement,
             reserves: 0.0,
             reserves_at: Vec::new(),
@@ -394,7 +364,6 @@ pub const NAMES: &[&str] = &[
     "stages",
     "initial",
     "bounds",
-    "girdle",
     "load_sharing_grid",
     "reserves",
     "reserve_weight",
@@ -426,7 +395,6 @@ impl Settings {
             "scheme" => self.scheme = choice(value, Scheme::ALL, Scheme::parse)?,
             "stages" => self.stages = integer(value, 1..=3)? as usize,
             "initial" => self.initial = choice(value, Initial::ALL, Initial::parse)?,
-            "girdle" => self.girdle = choice(value, Girdle::ALL, Girdle::parse)?,
             "bounds" => self.bounds = choice(value, Bounds::ALL, Bounds::parse)?,
             "load_sharing_grid" => {
                 self.load_sharing_grid = choice(value, LoadSharingGrid::ALL, LoadSharingGrid::parse)?;
@@ -517,7 +485,6 @@ impl Settings {
             "effort_power" => return Some(Value::Number(self.effort_power)),
             "reserves" => return Some(Value::Number(self.reserves)),
             "reserve_weight" => return Some(Value::Number(self.reserve_weight)),
-            "girdle" => return Some(Value::Text(self.girdle.name().to_owned())),
             "memory_limit_mb" => return Some(Value::Number(self.memory_limit_mb)),
             _ => {}
         }
@@ -653,6 +620,13 @@ fn find_coordinate<'c>(name: &str, coordinates: &'c [(String, bool)]) -> Result<
 
 /// The complaint about a name that is neither a setting nor a number of the model.
 pub fn unknown(name: &str) -> InvalidValue {
+    if name == "girdle" {
+        return InvalidValue::new(
+            "the setting `girdle` is now a role of bodies",
+            "set `body.clavicle,scapula.role` (or the bodies of your model) to \"fixed\", \"given\" (it was \
+             prescribed) or \"free\" (it was equilibrium)",
+        );
+    }
     let near = nearest(name, NAMES.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
     InvalidValue::new(
         format!("unknown setting `{name}`"),

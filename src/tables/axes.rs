@@ -91,8 +91,8 @@ pub fn unit(name: &str) -> &'static str {
         "h" => "s",
         "memory_limit_mb" => "MB",
         "noise_sd" => "m, rad",
-        "scheme" | "initial" | "bounds" | "girdle" | "load_sharing_grid" | "warm_start" | "regularity"
-        | "trajectories" => "",
+        "scheme" | "initial" | "bounds" | "load_sharing_grid" | "warm_start" | "regularity" | "trajectories" => "",
+        _ if name.ends_with(".role") => "",
         _ if name.ends_with("_scale") => "1",
         _ if name.contains("point.") || name.contains("centre_of_mass.") || name.contains(".radii.") => "m",
         _ if name.starts_with("gravity.") => "m/s²",

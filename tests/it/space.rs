@@ -7,7 +7,6 @@ use sinew::deadline::Deadline;
 use sinew::model::Model;
 use sinew::model::spatial::euler;
 use sinew::model::spatial::joint::PER_BODY;
-use sinew::skeleton::Girdle;
 use sinew::skeleton::file::SkeletonFile;
 
 use super::radau::forward;
@@ -15,7 +14,7 @@ use super::support::{check_derivatives, prepare};
 
 fn model(text: &str) -> Model {
     let file: SkeletonFile = toml::from_str(text).unwrap();
-    Model::of_skeleton(std::sync::Arc::new(file.check().unwrap()), Girdle::Equilibrium)
+    Model::of_skeleton(std::sync::Arc::new(file.check().unwrap()))
 }
 
 fn body(name: &str, centre: &str, inertia: &str) -> String {
@@ -165,7 +164,7 @@ fn lengths_of_spatial_paths_have_their_derivatives() {
     let file: SkeletonFile = toml::from_str(&text).unwrap();
     let skeleton = std::sync::Arc::new(file.check().unwrap());
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(31);
-    let model = Model::of_skeleton(skeleton.clone(), Girdle::Equilibrium);
+    let model = Model::of_skeleton(skeleton.clone());
     let spatial = model.spatial().unwrap();
     let mut compared = 0;
     for _ in 0..6 {
@@ -223,7 +222,7 @@ fn second_derivatives_go_on_where_contact_comes_and_goes() {
     let file: SkeletonFile = toml::from_str(&text).unwrap();
     let skeleton = std::sync::Arc::new(file.check().unwrap());
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(32);
-    let model = Model::of_skeleton(skeleton.clone(), Girdle::Equilibrium);
+    let model = Model::of_skeleton(skeleton.clone());
     let spatial = model.spatial().unwrap();
     let mut random = || {
         let mut pose = skeleton.default_pose();
@@ -293,7 +292,7 @@ fn poling(girdle: &str, more: &str) -> sinew::study::Study {
     let path = folder.path().join("study.toml");
     let text = format!(
         "name = \"poling\"\nmodel = \"{root}/data/models/upper_limb.toml\"\n\
-         motion = \"{root}/data/motions/double_poling.csv\"\n[base]\ngirdle = \"{girdle}\"\nh = 0.1\n\
+         motion = \"{root}/data/motions/double_poling.csv\"\n[base]\n\"body.clavicle,scapula.role\" = \"{girdle}\"\nh = 0.1\n\
          regularity = \"off\"\nbounds = \"both_boxed\"\n{more}"
     );
     std::fs::write(&path, text).unwrap();
@@ -303,7 +302,7 @@ fn poling(girdle: &str, more: &str) -> sinew::study::Study {
 #[test]
 fn equations_of_every_girdle_have_their_derivatives() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(41);
-    for girdle in ["fixed", "prescribed", "equilibrium"] {
+    for girdle in ["fixed", "given", "free"] {
         let study = poling(girdle, "");
         let job = &study.jobs[0];
         let model = study.model_of(job).unwrap();
@@ -334,7 +333,7 @@ fn equations_of_every_girdle_have_their_derivatives() {
 fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
     use sinew::prepare::motion_settings;
     use sinew::solve::solve;
-    for girdle in ["fixed", "prescribed", "equilibrium"] {
+    for girdle in ["fixed", "given", "free"] {
         let study = poling(girdle, "\"motion.abduction_offset_deg\" = 12.0\ntrajectories = true\n");
         let job = &study.jobs[0];
         let model = study.model_of(job).unwrap();
@@ -354,15 +353,14 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
             });
         }
         // The requested abduction is reached, in addition to the 30 degrees of the motion.
-        let spatial = model.spatial().unwrap();
-        let reached =
-            spatial.abduction_reached(&coordinates(measurement.times[60], &measurement.coordinates[60])).unwrap();
+        let reached = |q: &[f64]| model.spatial().unwrap().turns_reached(q).next().unwrap().1;
+        let turned = reached(&coordinates(measurement.times[60], &measurement.coordinates[60]));
         let plain = poling(girdle, "");
         let before =
             motion_settings(&plain.jobs[0].settings).measure(&study.motion, &model, 61, Deadline::default()).unwrap();
-        let without = spatial.abduction_reached(&coordinates(before.times[60], &before.coordinates[60])).unwrap();
-        assert!((reached - without - 12f64.to_radians()).abs() < 1e-6, "{girdle}: {reached} {without}");
-        if girdle != "equilibrium" {
+        let without = reached(&coordinates(before.times[60], &before.coordinates[60]));
+        assert!((turned - without - 12f64.to_radians()).abs() < 1e-6, "{girdle}: {turned} {without}");
+        if girdle != "free" {
             let outcome = solve(&model, &study.motion, &job.settings, job.points);
             assert_eq!(outcome.job.status, sinew::outcome::Status::Converged, "{girdle}: {:?}", outcome.job.error);
             assert!(outcome.job.max_activation.unwrap() <= 1.0 + 1e-9);
@@ -393,7 +391,8 @@ fn mistakes_in_spatial_studies_are_named() {
         })
         .collect();
     let cases = [
-        ("an unknown girdle", "girdle = \"free\"", motion.clone(), vec!["base.girdle", "equilibrium"]),
+        ("an old key", "girdle = \"free\"", motion.clone(), vec!["base.girdle", "role"]),
+        ("an unknown role", "\"body.scapula.role\" = \"girdle\"", motion.clone(), vec!["role", "fixed"]),
         (
             "a coordinate that is missing",
             "",

@@ -21,7 +21,7 @@ use nalgebra::{Matrix3, Vector3, Vector4};
 use super::mechanics::{Level, Motion, through};
 use crate::numerics::Scalar;
 use crate::skeleton::frame::{Frame, Vector, dot, minus};
-use crate::skeleton::{self, Girdle, Role, Skeleton};
+use crate::skeleton::{self, Role, Skeleton};
 use euler::Turning;
 use joint::{Joint, PER_BODY, Part, Place};
 use path::{Elevation, Obstacle, PathPoint, SpatialPath};
@@ -29,7 +29,6 @@ use path::{Elevation, Obstacle, PathPoint, SpatialPath};
 #[derive(Clone, Debug)]
 pub struct Spatial {
     pub skeleton: Arc<Skeleton>,
-    pub girdle: Girdle,
     /// Gravitational acceleration, m/s².
     pub gravity: Vector,
     /// Bodies with equations, in the order of their coordinates.
@@ -89,13 +88,9 @@ fn together(skeleton: &Skeleton, members: &[(usize, Frame<f64>)]) -> (f64, Vecto
 }
 
 impl Spatial {
-    /// The mechanism of a skeleton with a variant of its girdle.
-    pub fn new(skeleton: Arc<Skeleton>, girdle: Girdle) -> Self {
-        let is_given = |b: usize| match skeleton.bodies[b].role {
-            Role::Free => false,
-            Role::Given => true,
-            Role::Girdle => girdle != Girdle::Equilibrium,
-        };
+    /// The mechanism of a skeleton.
+    pub fn new(skeleton: Arc<Skeleton>) -> Self {
+        let is_given = |b: usize| skeleton.bodies[b].role != Role::Free;
         // Who moves with whom: the root, and the frame in it.
         let mut roots: Vec<(usize, Frame<f64>)> = (0..skeleton.bodies.len()).map(|b| (b, Frame::identity())).collect();
         let pose = skeleton.default_pose();
@@ -161,7 +156,7 @@ impl Spatial {
                 Force { name: force.name.clone(), body, point: frame.point(&force.point) }
             })
             .collect();
-        Self { gravity: skeleton.gravity, girdle, bodies, given, joints, forces, places, skeleton }
+        Self { gravity: skeleton.gravity, bodies, given, joints, forces, places, skeleton }
     }
 
     pub fn coordinates(&self) -> usize {
@@ -359,21 +354,21 @@ impl Spatial {
         SpatialPath::new(points, surfaces, self.bodies.len())
     }
 
-    /// The abduction reached (rad): the angle of the body's long axis about the abduction's axis, from where it hangs along it (0)
-    /// outwards; `None` for models without one. `q`: all coordinates.
-    pub fn abduction_reached(&self, q: &[f64]) -> Option<f64> {
-        let abduction = self.skeleton.abduction.as_ref()?;
-        let turned = |body: usize, x: [f64; 3]| {
+    /// The angle (rad) of each turn's long axis about its axis, from where it hangs along that of the other body (0) outwards.
+    /// `q`: all coordinates.
+    pub fn turns_reached(&self, q: &[f64]) -> impl Iterator<Item = (&str, f64)> {
+        let turned = move |body: usize, x: [f64; 3]| {
             let (index, frame) = self.places[body];
             let x = [0, 1, 2].map(|i| (0..3).map(|j| frame.axes[i][j] * x[j]).sum::<f64>());
             euler::rotate(&q[PER_BODY * index + 3..PER_BODY * (index + 1)], x)
         };
-        // In the plane across the axis: from the direction in which the long axis is that of the other body.
-        let long = turned(abduction.body, abduction.long_axis);
-        let rest = turned(abduction.against, abduction.long_axis);
-        let axis = turned(abduction.against, abduction.axis);
-        let across = skeleton::frame::cross(&axis, &rest);
-        Some(dot(&long, &across).atan2(dot(&long, &rest)))
+        self.skeleton.turns.iter().map(move |turn| {
+            // In the plane across the axis: from the direction in which the long axis is that of the other body.
+            let long = turned(turn.body, turn.long_axis);
+            let rest = turned(turn.against, turn.long_axis);
+            let across = skeleton::frame::cross(&turned(turn.against, turn.axis), &rest);
+            (turn.name.as_str(), dot(&long, &across).atan2(dot(&long, &rest)))
+        })
     }
 
     /// The coordinate that moves a path point, as a function of the bodies; [`Skeleton::check_study`] has seen that it is one.

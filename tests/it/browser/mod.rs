@@ -330,7 +330,11 @@ fn the_abduction_study_is_there_to_look_at() {
     let folder = folder(&[]);
     let (baseline, page) = (root().join("results/baselines/abduction"), folder.path().join("abduction.html"));
     report(&baseline, &page);
-    let ask = Ask { sort: Some("objective".to_owned()), map: Some("girdle".to_owned()), ..Ask::default() };
+    let ask = Ask {
+        sort: Some("objective".to_owned()),
+        map: Some("body.clavicle,scapula.role".to_owned()),
+        ..Ask::default()
+    };
     let seen = look(browser, &page, &baseline, &ask);
     let axis = "motion.abduction_offset_deg";
     has(
@@ -340,7 +344,7 @@ fn the_abduction_study_is_there_to_look_at() {
             &format!("ratio-over-{axis}-teres_major_to_latissimus_dorsi_impulse"),
         ],
     );
-    has(&seen.maps, &[&format!("mean_force_n-over-{axis}-and-girdle-TeresMajor")]);
+    has(&seen.maps, &[&format!("mean_force_n-over-{axis}-and-body.clavicle,scapula.role-TeresMajor")]);
 }
 
 #[test]
