@@ -256,13 +256,14 @@ fn names(generator: &mut SchemaGenerator, of: impl Fn(&serde_json::Value) -> ser
         }
         properties.insert(name.clone(), property);
     }
-    let number = serde_json::json!({ "type": "number" });
-    let of_number = of(&number);
-    let pattern = format!(r"^({}|motion|reserves)\..+$", GROUPS.join("|"));
+    let number = of(&serde_json::json!({ "type": "number" }));
+    // Roles and flags of a model, too.
+    let any = of(&serde_json::json!({ "type": ["number", "string", "boolean"] }));
+    let pattern = format!(r"^({})\..+$", GROUPS.join("|"));
     json_schema!({
         "type": "object",
         "properties": properties,
-        "patternProperties": { pattern: of_number },
+        "patternProperties": { pattern: any, r"^(motion|reserves)\..+$": number },
         "additionalProperties": false,
     })
 }
