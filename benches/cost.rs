@@ -14,8 +14,8 @@ use sinew::nlp::kkt::{Kkt, KktValues, Rows};
 use sinew::nlp::problem::{Curvature, Problem};
 use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
 use sinew::prepare::{Prepared, Task};
+use sinew::settings::Scheme;
 use sinew::starts::disturb;
-use sinew::study::settings::Scheme;
 use sinew::study::{Job, Study};
 
 /// Cost of one solve.

@@ -18,9 +18,9 @@ use sinew::nlp::sqp::{self, SqpSettings};
 use sinew::numerics::sparse::Sparse;
 use sinew::prepare::{Prepared, Task};
 use sinew::run::{RunOptions, run};
+use sinew::settings::RegularityMode;
 use sinew::solve::solve;
 use sinew::study::Study;
-use sinew::study::settings::RegularityMode;
 use sinew::transcription::collocation::Collocation;
 
 const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];

@@ -12,9 +12,8 @@ use crate::nlp::polish::{ACTIVE, active, polish};
 use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::{SqpOutcome, SqpSettings, SqpStatus};
 use crate::outcome::{IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status};
+use crate::settings::{RegularityMode, Scheme, Settings};
 use crate::solution::{self, Solution};
-use crate::solve::reason;
-use crate::study::settings::{RegularityMode, Scheme, Settings};
 use crate::transcription::collocation::Collocation;
 use crate::uniqueness::{self, Linearised};
 
@@ -90,7 +89,7 @@ impl Runs {
 
 impl Optimum {
     fn of(iterate: Iterate, inverse: &InverseProblem<'_>, problem: &Collocation<'_>) -> Self {
-        Self { idle: idle(inverse, problem, &iterate.x), iterate, starts: 1 }
+        Self { idle: inverse.idle(problem, &iterate.x), iterate, starts: 1 }
     }
 
     fn is_same(&self, other: &Self) -> bool {
@@ -260,16 +259,6 @@ fn optima(
     rows
 }
 
-/// Whether each muscle is idle: |a| ≤ 1e-8 at every collocation point.
-pub fn idle(inverse: &InverseProblem<'_>, problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
-    let mut idle = vec![true; inverse.muscles.a.count];
-    for point in 0..problem.points.len() {
-        let z = problem.local(point, x);
-        idle.iter_mut().zip(inverse.muscles.a.of(&z)).for_each(|(idle, a)| *idle &= a.abs() <= ACTIVE);
-    }
-    idle
-}
-
 /// The solution with the active bounds satisfied exactly. `None` if polishing fails.
 fn polished(
     kkt: &mut Kkt,
@@ -279,7 +268,7 @@ fn polished(
 ) -> Option<Iterate> {
     let mut x = polish(kkt, problem, &iterate.x, &active(&iterate.inequalities))?;
     // Set the activation of an idle muscle to exactly 0, even where a ≥ 0 is not imposed.
-    for (m, idle) in idle(inverse, problem, &x).into_iter().enumerate() {
+    for (m, idle) in inverse.idle(problem, &x).into_iter().enumerate() {
         if idle {
             let maps = problem.points.iter().map(|point| &point.map.combinations[inverse.muscles.a.at(m)]);
             maps.flatten().for_each(|&(index, _)| {
@@ -387,7 +376,28 @@ fn regularity_rows(
         loads_unique: Some(
             !found.null_directions.iter().any(|d| solution::moves_load(inverse, problem, &point.x, d, MOVES_LOAD)),
         ),
-        null_space: uniqueness::describe(inverse, problem, &found.null_directions, &idle(inverse, problem, &point.x)),
+        null_space: uniqueness::describe(inverse, problem, &found.null_directions, &inverse.idle(problem, &point.x)),
     };
     Some((regularity, spectrum, found.null_directions))
+}
+
+/// Why a run did not converge, with its residuals; `None` if it converged.
+fn reason(run: &SqpOutcome) -> Option<String> {
+    let error = run.iterate.kkt_error();
+    let residuals = format!(
+        "stationarity {:.1e}, feasibility {:.1e}, complementarity {:.1e}",
+        error.stationarity, error.feasibility, error.complementarity
+    );
+    let reason = match run.status {
+        SqpStatus::Converged => return None,
+        SqpStatus::IterationLimit => {
+            format!("stopped after {} SQP iterations in all; raise max_iterations", run.iterations())
+        }
+        SqpStatus::TimeLimit => "the job reached its time limit; raise time_limit_s".to_owned(),
+        SqpStatus::QpFailed => "the quadratic sub-problem could not be solved".to_owned(),
+        SqpStatus::Stalled => "no further step is accepted".to_owned(),
+        SqpStatus::Infeasible => "the constraints contradict each other near the last iterate".to_owned(),
+        SqpStatus::NonFinite => "a function or derivative is not finite".to_owned(),
+    };
+    Some(format!("{reason} ({residuals})"))
 }

@@ -4,9 +4,11 @@
 use std::path::{Path, PathBuf};
 
 /// Paths under `src/` that determine the numerical results of a job.
-const SOURCES: [&str; 21] = [
+const SOURCES: [&str; 23] = [
     "analysis.rs",
+    "curves.rs",
     "deadline.rs",
+    "entries.rs",
     "guess.rs",
     "mesh_error.rs",
     "methods",
@@ -17,12 +19,12 @@ const SOURCES: [&str; 21] = [
     "plausibility.rs",
     "prepare.rs",
     "problem",
+    "settings",
     "skeleton",
     "solution",
     "solve.rs",
     "starts.rs",
     "study/change.rs",
-    "study/settings.rs",
     "transcription",
     "uniqueness.rs",
     "warm.rs",

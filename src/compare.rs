@@ -14,7 +14,7 @@ use crate::files::write_atomically;
 use crate::names::counted;
 use crate::run::folder::check_ownership;
 use crate::run::manifest::Manifest;
-use crate::study::sweep::SAMPLE;
+use crate::study::axis::SAMPLE;
 use crate::tables::{self, Table, Values, schema};
 
 /// Tables of a new baseline: small, but sufficient to detect drift.

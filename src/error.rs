@@ -97,10 +97,18 @@ pub fn nearest<'a>(found: &str, allowed: impl IntoIterator<Item = &'a str>) -> O
         .map(|(_, word)| word)
 }
 
+/// Serialises a path as text, with invalid UTF-8 replaced.
+///
+/// # Errors
+/// If the serialiser fails.
+pub fn as_text<S: serde::Serializer>(path: &Path, serialiser: S) -> std::result::Result<S::Ok, S::Error> {
+    serialiser.serialize_str(&path.to_string_lossy())
+}
+
 /// A text file with its path; creates errors that point to places in it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SourceFile {
-    #[serde(rename = "file", serialize_with = "crate::files::as_text")]
+    #[serde(rename = "file", serialize_with = "as_text")]
     pub path: PathBuf,
     pub text: String,
 }

@@ -45,11 +45,3 @@ pub fn partial(path: &Path) -> std::path::PathBuf {
     name.push(format!(".{}.part", std::process::id()));
     path.with_file_name(name)
 }
-
-/// Serialises a path as text, with invalid UTF-8 replaced.
-///
-/// # Errors
-/// If the serialiser fails.
-pub fn as_text<S: serde::Serializer>(path: &Path, serialiser: S) -> std::result::Result<S::Ok, S::Error> {
-    serialiser.serialize_str(&path.to_string_lossy())
-}

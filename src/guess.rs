@@ -12,10 +12,10 @@
 //! DEPARTURE [thesis, Paper B, eq. 24]: the tendon velocity comes from the splines through neighbouring points. Solving
 //! eq. (24) for it point by point would invert the flat ends of the force–velocity curve.
 
+use crate::curves::{active_force_length, passive_force_length, tendon_strain};
 use crate::deadline::Deadline;
 use crate::methods::InverseProblem;
 use crate::model::Model;
-use crate::model::curves::{active_force_length, passive_force_length, tendon_strain};
 use crate::motion::Measurement;
 use crate::nlp::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;

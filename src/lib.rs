@@ -9,7 +9,10 @@
 //! The modules, from input to output:
 //!
 //! ```text
+//! settings/       the settings of a job
 //! study/          study file → axes → jobs; the identity of a job. Pure.
+//! curves.rs       force–length, force–velocity and tendon curves
+//! entries.rs      what files of planar and spatial models share
 //! model/          bodies, joints, musculotendons, paths: file → checked model; spatial/: Euler parameters, wrapping
 //! skeleton/       a spatial model in joint coordinates: frames, paths around surfaces, moment arms
 //! opensim/        OpenSim models, converted to spatial model files
@@ -59,7 +62,9 @@ pub const SOLVER: &str = env!("SINEW_SOLVER");
 pub mod analysis;
 pub mod cli;
 pub mod compare;
+pub mod curves;
 pub mod deadline;
+pub mod entries;
 pub mod error;
 pub mod files;
 pub mod guess;
@@ -79,6 +84,7 @@ pub mod problem;
 pub mod reference;
 pub mod report;
 pub mod run;
+pub mod settings;
 pub mod skeleton;
 pub mod solution;
 pub mod solve;

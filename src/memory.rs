@@ -5,7 +5,7 @@
 //! 500 muscles, and 1 or 3 stages.
 
 use crate::methods::InverseProblem;
-use crate::study::settings::{RegularityMode, Settings};
+use crate::settings::{RegularityMode, Settings};
 
 /// Memory of the program without a problem, bytes.
 const BASE: f64 = 20e6;

@@ -8,9 +8,9 @@ use crate::memory::ProblemSize;
 use crate::methods::InverseProblem;
 use crate::methods::dynamic::{dynamic, goals};
 use crate::model::Model;
-use crate::motion::{Measurement, MeasurementError, MotionSettings, MotionTable};
+use crate::motion::{Measurement, MeasurementError, MotionTable};
 use crate::outcome::Status;
-use crate::study::settings::{Scheme, Settings};
+use crate::settings::{Scheme, Settings};
 use crate::transcription::collocation::Collocation;
 use crate::transcription::midpoint::Midpoint;
 use crate::transcription::radau::Radau;
@@ -42,7 +42,7 @@ impl<'a> Prepared<'a> {
     /// If the problem is too large, the motion cannot be measured, or there is no time.
     pub fn new(task: Task<'a>, deadline: Deadline) -> Result<Self, Failure> {
         let Task { model, motion, settings, points } = task;
-        let of_motion = motion_settings(settings);
+        let of_motion = settings.of_motion();
         let inverse = dynamic(model, settings, &Arc::new(of_motion.surroundings(motion, model)));
         let size = ProblemSize::of(&inverse, settings, points);
         size.check_transcribing(settings).map_err(|reason| (Status::Invalid, reason))?;
@@ -70,18 +70,6 @@ impl<'a> Prepared<'a> {
 /// The failure of a job that has no time left before it is solved.
 pub fn late() -> Failure {
     (Status::TimeLimit, MeasurementError::DeadlinePassed.to_string())
-}
-
-/// How to measure the motion for a job with these settings.
-pub fn motion_settings(settings: &Settings) -> MotionSettings {
-    MotionSettings {
-        measurement_ratio: settings.measured_per_interval(),
-        smoothing_hz: settings.smoothing_hz,
-        noise_sd: settings.noise_sd,
-        seed: settings.seed,
-        time_scale: settings.time_scale,
-        changes: settings.motion.clone(),
-    }
 }
 
 /// The scheme of `settings`, on `points` points (p) over `duration` seconds.

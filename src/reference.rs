@@ -4,10 +4,10 @@
 use serde_json::Value as Json;
 
 use crate::model::file::ModelFile;
-use crate::plausibility::Limits;
+use crate::settings::Limits;
+use crate::settings::{NAMES, Settings};
 use crate::skeleton::file::SkeletonFile;
 use crate::study::file;
-use crate::study::settings::{NAMES, Settings};
 use crate::tables::{Table, Values};
 
 /// A key of a file.

@@ -9,12 +9,12 @@ use crate::model::Model;
 use crate::motion::MotionTable;
 use crate::nlp::kkt::Kkt;
 use crate::nlp::problem::Problem;
-use crate::nlp::sqp::{SqpOutcome, SqpSettings, SqpStatus};
+use crate::nlp::sqp::{SqpSettings, SqpStatus};
 use crate::outcome::{Outcome, SolutionPoint, Status};
 use crate::plausibility::{self, Warning};
 use crate::prepare::{Failure, Prepared, Task, late};
+use crate::settings::{RegularityMode, Settings, WarmStart};
 use crate::starts::{Starts, start_at};
-use crate::study::settings::{RegularityMode, Settings, WarmStart};
 use crate::warm::Answer;
 
 /// Smallest number of intervals of a coarser mesh.
@@ -168,25 +168,4 @@ fn warn(outcome: &mut Outcome, motion: Option<Warning>, model: &Model, settings:
     outcome.job.warnings = codes;
     let remarks: Vec<String> = outcome.job.remark.take().into_iter().chain(words).collect();
     outcome.job.remark = (!remarks.is_empty()).then(|| remarks.join("; "));
-}
-
-/// Why a run did not converge, with its residuals; `None` if it converged.
-pub fn reason(run: &SqpOutcome) -> Option<String> {
-    let error = run.iterate.kkt_error();
-    let residuals = format!(
-        "stationarity {:.1e}, feasibility {:.1e}, complementarity {:.1e}",
-        error.stationarity, error.feasibility, error.complementarity
-    );
-    let reason = match run.status {
-        SqpStatus::Converged => return None,
-        SqpStatus::IterationLimit => {
-            format!("stopped after {} SQP iterations in all; raise max_iterations", run.iterations())
-        }
-        SqpStatus::TimeLimit => "the job reached its time limit; raise time_limit_s".to_owned(),
-        SqpStatus::QpFailed => "the quadratic sub-problem could not be solved".to_owned(),
-        SqpStatus::Stalled => "no further step is accepted".to_owned(),
-        SqpStatus::Infeasible => "the constraints contradict each other near the last iterate".to_owned(),
-        SqpStatus::NonFinite => "a function or derivative is not finite".to_owned(),
-    };
-    Some(format!("{reason} ({residuals})"))
 }

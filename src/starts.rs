@@ -9,7 +9,7 @@ use crate::nlp::kkt::Kkt;
 use crate::nlp::polish::active;
 use crate::nlp::sqp::{self, SqpSettings, Start};
 use crate::outcome::{SolutionPoint, Status};
-use crate::study::settings::Settings;
+use crate::settings::Settings;
 use crate::transcription::collocation::Collocation;
 use crate::transcription::scheme::Discretisation;
 

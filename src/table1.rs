@@ -78,7 +78,7 @@ pub fn groups(jobs: &Table, regularity: &Table, axes: &[String]) -> Vec<TableOne
         return Vec::new();
     }
     // In a sampled study, the number of the sample determines the other sampled columns.
-    let sampled = axes.iter().any(|axis| axis == crate::study::sweep::SAMPLE);
+    let sampled = axes.iter().any(|axis| axis == crate::study::axis::SAMPLE);
     let key = |axis: &String| !needed.contains(&axis.as_str()) && (!sampled || axis == "sample" || !axis.contains('.'));
     let rank_rows: BTreeMap<&str, usize> =
         (0..regularity.rows()).filter_map(|row| Some((regularity.text("job_id", row)?, row))).collect();

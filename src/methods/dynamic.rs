@@ -15,7 +15,7 @@ use crate::problem::blocks::joints::Joints;
 use crate::problem::blocks::reserve::Reserve;
 use crate::problem::blocks::stabilisation::Stabilisation;
 use crate::problem::{Bounded, Builder, Goal, Kind, QuantityId, Span, goals};
-use crate::study::settings::{BoundKind, Initial, LoadSharingGrid, Scheme, Settings};
+use crate::settings::{BoundKind, Initial, LoadSharingGrid, Scheme, Settings};
 use crate::transcription::scheme::{Discretisation, gauss};
 
 /// The problem of a model with these settings.

@@ -6,8 +6,10 @@ pub mod prediction;
 pub use dynamic::dynamic;
 
 use crate::model::{Joint, Model};
+use crate::nlp::polish::ACTIVE;
 use crate::problem::blocks::contraction::Contraction;
 use crate::problem::{ControlProblem, QuantityId, Span};
+use crate::transcription::collocation::Collocation;
 use crate::transcription::scheme::{Combination, Discretisation};
 
 /// The problem of an inverse method, and where its motion and its muscles are.
@@ -91,6 +93,16 @@ impl InverseProblem<'_> {
     /// The activation of a muscle at time t (s).
     pub fn activation_at(&self, scheme: &dyn Discretisation, t: f64, muscle: usize) -> Combination {
         scheme.at(t, self.muscles.activation, muscle, 0)
+    }
+
+    /// Whether each muscle is idle: |a| ≤ 1e-8 at every collocation point.
+    pub fn idle(&self, problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
+        let mut idle = vec![true; self.muscles.a.count];
+        for point in 0..problem.points.len() {
+            let z = problem.local(point, x);
+            idle.iter_mut().zip(self.muscles.a.of(&z)).for_each(|(idle, a)| *idle &= a.abs() <= ACTIVE);
+        }
+        idle
     }
 
     /// f_m of a muscle.

@@ -28,7 +28,7 @@ use super::dynamic::effort_instants;
 use crate::motion::Measurement;
 use crate::numerics::rank;
 use crate::problem::Bounded;
-use crate::study::settings::Settings;
+use crate::settings::Settings;
 use crate::transcription::collocation::Collocation;
 use crate::transcription::scheme::{Combination, Discretisation};
 

@@ -5,7 +5,6 @@
 
 pub mod assembly;
 pub mod body;
-pub mod curves;
 pub mod file;
 pub mod joint;
 pub mod mechanics;
@@ -13,6 +12,7 @@ pub mod musculotendon;
 pub mod path;
 pub mod planar;
 pub mod spatial;
+pub mod straight;
 
 pub use body::{Body, ExternalForce, Place};
 pub use joint::{Joint, JointKind};
@@ -20,6 +20,7 @@ pub use mechanics::Mechanics;
 pub use musculotendon::Musculotendon;
 use std::sync::Arc;
 
+use crate::entries::Actuator;
 use crate::skeleton::Skeleton;
 use path::Path;
 use planar::Planar;
@@ -35,18 +36,6 @@ pub struct Model {
     pub mechanics: Mechanics,
     pub muscles: Vec<Musculotendon>,
     pub actuators: Vec<Actuator>,
-}
-
-/// An actuator at a joint coordinate.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Actuator {
-    pub name: String,
-    /// The joint coordinate that it drives.
-    pub coordinate: String,
-    /// Moment or force at a control of 1, N m or N.
-    pub optimal_force: f64,
-    /// Bounds on its control.
-    pub control: [f64; 2],
 }
 
 impl Model {

@@ -1,8 +1,8 @@
 //! The Hill musculotendon: a fibre (contractile and parallel elastic element) in series with a tendon,
 //! at a constant pennation angle (thesis, Paper B eqs 3, 4, 6, 7 and Figure 1).
 
-use super::curves::{ForceVelocity, active_force_length, passive_force_length, tendon_force, tendon_strain};
 use super::path::Path;
+use crate::curves::{ForceVelocity, active_force_length, passive_force_length, tendon_force, tendon_strain};
 
 #[derive(Clone, Debug)]
 pub struct Musculotendon {

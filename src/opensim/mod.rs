@@ -33,8 +33,8 @@ use document::{Defaults, Element};
 use frames::Frames;
 use joints::Found;
 
+use crate::entries::{ActuatorEntry, CurvesEntry};
 use crate::error::{Issue, Result, SourceFile};
-use crate::model::file::{ActuatorEntry, CurvesEntry};
 use crate::skeleton::file::{GROUND, MusclesEntry, SkeletonFile};
 
 /// An imported model, and notes on what could not be mapped.

@@ -204,6 +204,11 @@ impl ControlProblem<'_> {
         self.quantities.iter().position(|quantity| quantity.name == name).map(QuantityId)
     }
 
+    /// Whether any function is known beforehand.
+    pub fn has_given(&self) -> bool {
+        self.given.iter().any(|(id, _)| !self.quantity(*id).members.is_empty())
+    }
+
     /// Values and rates at time t (s) of the given quantities among the variables; all others are 0.
     pub fn given_at(&self, t: f64) -> Vec<f64> {
         let mut z = vec![0.0; self.variables()];

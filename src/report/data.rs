@@ -6,8 +6,8 @@ use std::path::Path;
 use serde_json::{Map, Value as Json, json};
 
 use crate::compare::{JobComparison, Tolerances, compare};
+use crate::curves::{ForceVelocity, Jet, active_force_length, passive_force_length, tendon_force};
 use crate::error::{Error, Result};
-use crate::model::curves::{ForceVelocity, Jet, active_force_length, passive_force_length, tendon_force};
 use crate::plausibility::WARNING_KINDS;
 use crate::run::manifest::Manifest;
 use crate::table1::THESIS;

@@ -1,6 +1,6 @@
 //! A results folder: which of its files are Sinew's own and may be overwritten or deleted. Nothing else is touched.
 
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 
 use super::manifest::{self, Manifest};
@@ -81,9 +81,4 @@ fn is_partial(name: &str) -> bool {
     let is_known = [manifest::FILE, "report.html"].contains(&file)
         || schema::TABLES.iter().any(|table| file == format!("{table}.parquet"));
     is_known && !process.is_empty() && process.bytes().all(|b| b.is_ascii_digit())
-}
-
-/// Whether another process has locked a file of finished jobs, to write to it.
-pub fn is_locked(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }

@@ -9,8 +9,8 @@ use super::task;
 use crate::SOLVER;
 use crate::error::Result;
 use crate::outcome::{Outcome, Status};
+use crate::settings::RegularityMode;
 use crate::solve;
-use crate::study::settings::RegularityMode;
 use crate::study::{Job, Study};
 
 /// The id of a finished job with the same solution as `job`, from which `job` can be completed, and that job's

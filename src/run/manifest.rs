@@ -9,9 +9,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use crate::SOLVER;
+use crate::error::as_text;
 use crate::error::{Error, Result};
-use crate::files::{as_text, write_atomically};
-use crate::study::settings::Value;
+use crate::files::write_atomically;
+use crate::settings::Value;
 use crate::study::sources::Sources;
 use crate::study::{Job, Study};
 use crate::tables::{STUDY, schema};
@@ -86,7 +87,7 @@ pub struct PlannedJob {
 }
 
 /// The settings as a JSON object.
-pub fn fields(settings: &crate::study::settings::Settings) -> Map<String, Json> {
+pub fn fields(settings: &crate::settings::Settings) -> Map<String, Json> {
     match serde_json::to_value(settings) {
         Ok(Json::Object(map)) => map,
         _ => unreachable!("settings are a struct"),

@@ -9,7 +9,7 @@ use super::store::Store;
 use crate::SOLVER;
 use crate::error::Result;
 use crate::outcome::Status;
-use crate::study::settings::Value;
+use crate::settings::Value;
 use crate::study::{Job, SCHEMA_VERSION, Study};
 
 /// What is known about a job before a run.

@@ -6,8 +6,8 @@ use super::store::Store;
 use super::{Solver, solve_catching};
 use crate::names::counted;
 use crate::outcome::{Outcome, Status};
+use crate::settings::Value;
 use crate::study::change::ModelChange;
-use crate::study::settings::Value;
 use crate::study::{Job, Study};
 use crate::warm::Answer;
 

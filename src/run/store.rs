@@ -15,7 +15,6 @@ use std::time::SystemTime;
 use serde::{Deserialize, Serialize};
 
 use super::Shard;
-use super::folder::is_locked;
 use crate::SOLVER;
 use crate::error::{Error, Result};
 use crate::files::partial;
@@ -385,6 +384,11 @@ fn unshared(path: &Path, mut file: File) -> std::io::Result<File> {
     copy.sync_all()?;
     std::fs::rename(&partial, path)?;
     Ok(copy)
+}
+
+/// Whether another process has locked a file of finished jobs, to write to it.
+fn is_locked(path: &Path) -> bool {
+    std::fs::File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(std::fs::TryLockError::WouldBlock)))
 }
 
 #[cfg(test)]

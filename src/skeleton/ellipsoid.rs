@@ -24,7 +24,7 @@
 
 use super::frame::{Vector, along, cross, dot, minus, norm, unit};
 use super::half_ellipsoid::guide;
-use super::surface::{Contact, Side, Spread, Wrap, around_sphere};
+use super::shape::{Contact, Side, Spread, Wrap, around_sphere};
 
 /// Intervals of a polyline.
 const NODES: usize = 24;

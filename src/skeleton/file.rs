@@ -13,9 +13,9 @@ use super::function::{Function, FunctionEntry};
 use super::path::{Move, MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
 use super::{Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton, Turn};
+use crate::curves::ForceVelocity;
+use crate::entries::{ActuatorEntry, CurvesEntry, finite, named, positive, unique};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
-use crate::model::curves::ForceVelocity;
-use crate::model::file::{ActuatorEntry, CurvesEntry, finite, named, positive, unique};
 
 pub(super) type Checked<T> = std::result::Result<T, Issue>;
 

@@ -8,7 +8,7 @@
 //! reflected to the other half, or, if it is the mean, moved to the border only.
 
 use super::frame::{Vector, along, dot, minus, norm, unit};
-use super::surface::Side;
+use super::shape::Side;
 
 /// Cosine of the angle between line and axis up to which the guide is the mean alone.
 const MEAN_ALONE: f64 = 0.7073;

@@ -11,6 +11,7 @@ pub mod frame;
 pub mod function;
 mod half_ellipsoid;
 pub mod path;
+mod shape;
 pub mod surface;
 pub mod text;
 mod torus;
@@ -19,7 +20,7 @@ pub mod wrapping;
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 
-use crate::model::curves::ForceVelocity;
+use crate::curves::ForceVelocity;
 use crate::numerics::Scalar;
 use frame::Frame;
 use function::Function;

@@ -3,7 +3,7 @@
 //! with the path.
 
 use super::frame::{Frame, Vector, along, cross, dot, minus, unit};
-use super::surface::{Shape, Side, Wrap};
+use super::shape::{Shape, Side, Wrap};
 
 /// Length of the cylinder, m: longer than any path.
 const LENGTH: f64 = 10.0;

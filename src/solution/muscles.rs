@@ -58,7 +58,7 @@ impl Solution<'_> {
         let weights = self.scheme_weights();
         let variables = &self.inverse.muscles;
         let duration = self.duration();
-        let idle = crate::analysis::idle(self.inverse, self.problem, &self.iterate.x);
+        let idle = self.inverse.idle(self.problem, &self.iterate.x);
         self.model()
             .muscles
             .iter()

@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use std::sync::Arc;
 
-use super::settings::{InvalidValue, Value, describe};
 use crate::error::{Issue, nearest};
 use crate::model::Model;
 use crate::model::file::ModelFile;
+use crate::settings::{InvalidValue, Value, describe};
 use crate::skeleton::file::SkeletonFile;
 
 /// One change of a model.

@@ -9,7 +9,7 @@ use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::change::GROUPS;
-use super::settings::{Settings, Value};
+use crate::settings::{Settings, Value};
 
 /// A Sinew study: a sweep over an inverse musculoskeletal problem.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]

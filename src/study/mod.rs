@@ -1,10 +1,10 @@
 //! Expands a study file into jobs: pure and deterministic, without solving anything.
 
+pub mod axis;
 pub mod change;
 pub mod file;
 mod plan;
 mod sample;
-pub mod settings;
 mod size;
 pub mod sources;
 pub mod sweep;
@@ -13,12 +13,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::deadline::Deadline;
+use crate::entries::named;
 use crate::error::{Error, Issue, Mistakes, Result, SourceFile};
-use crate::model::file::{ModelFile, named};
+use crate::model::file::ModelFile;
 use crate::model::{Mechanics, Model};
 use crate::motion::{MeasurementError, MotionSettings, MotionTable};
 use crate::names;
 use crate::opensim;
+use crate::settings::{InvalidValue, RegularityMode, Settings, Value};
 use crate::skeleton::Role;
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
@@ -26,7 +28,6 @@ use change::{ModelChange, changed_model};
 use file::StudyFile;
 use file::{OnFailure, OneOrMany, Ratio};
 use plan::Plan;
-use settings::{InvalidValue, RegularityMode, Settings, Value};
 use sources::Sources;
 
 /// Part of every job's identity. Raise it when the meaning of a result changes.
@@ -314,7 +315,7 @@ const LARGEST_GAP: f64 = 5e-3;
 fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file: &SourceFile) -> Result<()> {
     // The motion as in the file, without the study's changes to single coordinates.
     let plain = Settings { motion: Vec::new(), time_scale: 1.0, noise_sd: 0.0, ..base.clone() };
-    let plain = crate::prepare::motion_settings(&plain);
+    let plain = plain.of_motion();
     let Some(spatial) = model.spatial() else {
         let plain = MotionSettings { measurement_ratio: 1, ..plain };
         let instants = motion.time.len().min(CLOSURE_CHECKS);

@@ -7,15 +7,16 @@ use std::sync::Arc;
 use indexmap::IndexMap;
 use serde::Serialize;
 
+use super::axis::{self, Expansion, KeyPath, SweepPoint};
 use super::change::{self, ModelChange, changed_model, is_model_path};
 use super::file::{StudyFile, Sweep};
-use super::settings::{BoundKind, InvalidValue, RegularityMode, Settings, Value, WarmStart};
 use super::size;
-use super::sweep::{self, Expansion, KeyPath, SweepPoint};
+use super::sweep;
 use super::{Job, SCHEMA_VERSION};
 use crate::error::{Issue, Mistakes};
 use crate::model::Model;
 use crate::motion::{HIGHEST_CUTOFF, MotionTable};
+use crate::settings::{BoundKind, InvalidValue, RegularityMode, Settings, Value, WarmStart};
 
 /// Everything that determines a job's result. The job's id is its hash.
 #[derive(Serialize)]
@@ -140,17 +141,17 @@ impl<'m> Plan<'m> {
                 if sweeps.len() == 1 { vec!["sweep".to_owned()] } else { vec!["sweep".to_owned(), i.to_string()] };
             let value = |point: &SweepPoint, name: &str| plan.value_at(point, name);
             let check = |name: &str, value: &Value| match name {
-                sweep::SAMPLE if value.number().is_none() => {
+                axis::SAMPLE if value.number().is_none() => {
                     Err(InvalidValue::new(format!("found {value}"), "give a number"))
                 }
-                sweep::SAMPLE => Ok(()),
+                axis::SAMPLE => Ok(()),
                 _ if is_model_path(name) => ModelChange::check(plan.model_table, name, value),
                 _ => Settings::default().set(name, value, &plan.coordinates),
             };
             let context = sweep::SweepContext { value: &value, check: &check };
             let Some(expansion) = mistakes.take(sweep::expand(sweep, &place, &context)) else { continue };
             for (name, place) in &expansion.axes {
-                if **name != *sweep::SAMPLE {
+                if **name != *axis::SAMPLE {
                     mistakes.take(plan.resolve(name).map_err(|c| complaint_at(place.clone(), c)));
                 }
                 plan.axes.entry(Arc::clone(name)).or_insert(place.clone());
@@ -166,7 +167,7 @@ impl<'m> Plan<'m> {
         let place = || vec!["base".to_owned(), name.to_owned()];
         let value = value.ok_or_else(|| {
             let help = "[base] holds single values; lists belong in [sweep.grid]";
-            sweep::issue(place(), "found a list or a table", help)
+            axis::issue(place(), "found a list or a table", help)
         })?;
         self.resolve(name).map_err(|c| complaint_at(place(), c))?;
         let (mut base, mut changes) = (self.base.clone(), self.base_changes.clone());
@@ -182,7 +183,7 @@ impl<'m> Plan<'m> {
             for target in self.targets(name) {
                 if let Some(other) = owners.insert(&target, name).filter(|other| !self.is_pair(name, other)) {
                     let message = format!("`{name}` and `{other}` both set {target}");
-                    return Err(sweep::issue(vec!["base".to_owned(), name.clone()], message, "keep one of them"));
+                    return Err(axis::issue(vec!["base".to_owned(), name.clone()], message, "keep one of them"));
                 }
             }
         }
@@ -191,7 +192,7 @@ impl<'m> Plan<'m> {
             if !found.iter().any(|path| change::number_at(self.model_table, path).is_some()) {
                 let help = "give the names of numbers that the study sets, such as muscle.triceps.tendon_slack_length";
                 let message = format!("`{name}` is not a numeric parameter of the model");
-                return Err(sweep::issue(vec!["confirm".to_owned(), i.to_string()], message, help));
+                return Err(axis::issue(vec!["confirm".to_owned(), i.to_string()], message, help));
             }
         }
         Ok(())
@@ -298,7 +299,7 @@ impl<'m> Plan<'m> {
     fn check_overlaps(&self) -> std::result::Result<(), Issue> {
         if let Some(base) = self.other_way(self.base_changes.iter().map(|change| &change.path)) {
             let message = format!("[base] sets the number of `{base}` twice: as a value and by a factor");
-            return Err(sweep::issue(vec!["base".to_owned(), base.to_owned()], message, "keep one of the two"));
+            return Err(axis::issue(vec!["base".to_owned(), base.to_owned()], message, "keep one of the two"));
         }
         let mut seen: HashSet<Vec<&str>> = HashSet::new();
         for point in self.sweeps.iter().flat_map(|sweep| &sweep.points) {
@@ -311,13 +312,13 @@ impl<'m> Plan<'m> {
                 if let Some(base) = self.other_way(self.paths.get(name).into_iter().flatten()) {
                     let message =
                         format!("`{name}` is swept, and [base] sets `{base}`: one number, as a value and by a factor");
-                    return Err(sweep::issue(self.place(name), message, "keep one of the two"));
+                    return Err(axis::issue(self.place(name), message, "keep one of the two"));
                 }
                 for target in self.targets(name) {
                     if let Some(other) = owners.insert(&target, name) {
                         let message = format!("`{name}` and `{other}` both set {target}");
                         let help = "a job has one value of it: sweep it under one name, or in two sweeps ([[sweep]])";
-                        return Err(sweep::issue(self.place(name), message, help));
+                        return Err(axis::issue(self.place(name), message, help));
                     }
                 }
             }
@@ -423,7 +424,7 @@ impl<'m> Plan<'m> {
     /// Settings and model changes at a point: those of the base, with the point's values set.
     fn settings_at(&self, point: &SweepPoint) -> std::result::Result<(Settings, Vec<ModelChange>), Issue> {
         let (mut settings, mut changes) = (self.base.clone(), self.base_changes.clone());
-        for (name, value) in point.iter().filter(|(name, _)| **name != *sweep::SAMPLE) {
+        for (name, value) in point.iter().filter(|(name, _)| **name != *axis::SAMPLE) {
             self.assign(&mut settings, &mut changes, name, value).map_err(|c| complaint_at(self.place(name), c))?;
         }
         Ok((settings, changes))

@@ -4,10 +4,10 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::axis::{Expansion, KeyPath, Range, SAMPLE, at, check_name, issue, values};
 use super::file::{Method, Sample};
-use super::settings::Value;
-use super::sweep::{Expansion, KeyPath, Range, SAMPLE, at, check_name, issue, values};
 use crate::error::Issue;
+use crate::settings::Value;
 
 /// Largest numbers of samples and of parameters in a Sobol' sequence, set by the tables of the library.
 const SOBOL_LIMITS: (usize, usize) = (1 << 16, 256);

@@ -1,7 +1,7 @@
 //! Counts the jobs of a study before any is made: a few lines can ask for more jobs than any memory holds.
 
+use super::axis::issue;
 use super::file::Sweep;
-use super::sweep::issue;
 use crate::error::Issue;
 
 /// Largest number of jobs. A study with more is taken to be a mistake.

@@ -1,8 +1,8 @@
 //! The columns of the swept axes in the table `jobs`, one per axis.
 
 use super::{Table, Values};
+use crate::settings::Value;
 use crate::study::Study;
-use crate::study::settings::Value;
 
 /// Columns of `jobs` before those of the axes, and the first one after them.
 pub const BEFORE_AXES: [&str; 2] = ["job_id", "index"];
@@ -16,7 +16,7 @@ pub fn axes(jobs: &Table) -> Vec<String> {
 
 /// Settings that are whole numbers.
 const WHOLE_NUMBERS: [&str; 7] =
-    ["stages", "measurement_ratio", "starts", "first_start", "seed", "max_iterations", crate::study::sweep::SAMPLE];
+    ["stages", "measurement_ratio", "starts", "first_start", "seed", "max_iterations", crate::study::axis::SAMPLE];
 
 /// Type of a swept column: that of all its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,6 +11,7 @@
 //! Patterns and the place of each product in them are worked out once.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::scheme::{Combination, Discretisation, LocalMap, evaluate};
 use crate::nlp::problem::{ConvexTerm, Curvature, Multipliers, Problem};
@@ -24,7 +25,7 @@ use crate::problem::{Bounded, ControlProblem, Goal, Limit};
 pub struct Point {
     pub map: LocalMap,
     /// Which equations hold here.
-    pub rows: Vec<usize>,
+    pub rows: Arc<[usize]>,
     /// Whether every variable has a value here, or only values of states.
     pub complete: bool,
 }
@@ -173,7 +174,8 @@ impl<'p> Collocation<'p> {
 
 /// The collocation points: at each all equations, or those among values of states only.
 fn points(control: &ControlProblem<'_>, scheme: &dyn Discretisation) -> Vec<Point> {
-    let (all, constraints): (Vec<usize>, _) = ((0..control.equation_rows()).collect(), control.state_constraints());
+    let all: Arc<[usize]> = (0..control.equation_rows()).collect();
+    let constraints: Arc<[usize]> = control.state_constraints().into();
     let point = |j: usize| {
         let complete = scheme.is_complete(j);
         let rows = if complete { all.clone() } else { constraints.clone() };

@@ -83,7 +83,7 @@ pub trait Trajectory {
 pub struct LocalMap {
     /// B, a row for each variable.
     pub combinations: Vec<Combination>,
-    /// b, zero but for given quantities.
+    /// b, zero but for given quantities; empty if there are none.
     pub constants: Vec<f64>,
 }
 
@@ -95,11 +95,14 @@ impl LocalMap {
                 combinations[variable] = scheme.function(place, read.quantity, member, read.derivative);
             }
         }
-        Self { combinations, constants: problem.given_at(place.time) }
+        let constants = if problem.has_given() { problem.given_at(place.time) } else { Vec::new() };
+        Self { combinations, constants }
     }
 
     /// z
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
-        self.combinations.iter().zip(&self.constants).map(|(row, b)| b + evaluate(row, x)).collect()
+        let mut z: Vec<f64> = self.combinations.iter().map(|row| evaluate(row, x)).collect();
+        z.iter_mut().zip(&self.constants).for_each(|(z, b)| *z += b);
+        z
     }
 }

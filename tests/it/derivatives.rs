@@ -8,7 +8,7 @@ use sinew::motion::Surroundings;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::problem::{Curvature, Multipliers, Problem};
 use sinew::numerics::sparse::Sparse;
-use sinew::study::settings::{Bounds, Scheme};
+use sinew::settings::{Bounds, Scheme};
 
 use super::support::{check_derivatives, model, motion, prepare, random_instant, settings};
 

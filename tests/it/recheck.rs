@@ -2,14 +2,14 @@
 
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
+use sinew::curves::{active_force_length, passive_force_length, tendon_force};
 use sinew::deadline::Deadline;
 use sinew::model::Model;
-use sinew::model::curves::{active_force_length, passive_force_length, tendon_force};
 use sinew::model::path::Path;
 use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
 use sinew::numerics::bspline::SplineSpace;
 use sinew::problem::QuantityId;
-use sinew::study::settings::Bounds;
+use sinew::settings::Bounds;
 use sinew::transcription::coefficients::Coefficients;
 use sinew::transcription::midpoint::mesh;
 

@@ -7,8 +7,8 @@ use sinew::nlp::iterate::Iterate;
 use sinew::nlp::regularity;
 use sinew::outcome::Status;
 use sinew::run::{RunOptions, run};
+use sinew::settings::{Bounds, LoadSharingGrid, Scheme};
 use sinew::study::Study;
-use sinew::study::settings::{Bounds, LoadSharingGrid, Scheme};
 
 use super::support::{model, motion, prepare, root, settings};
 

@@ -8,8 +8,8 @@ use sinew::model::file::ModelFile;
 use sinew::nlp::iterate::Iterate;
 use sinew::nlp::regularity;
 use sinew::outcome::{Outcome, Status};
+use sinew::settings::{Bounds, RegularityMode, Scheme};
 use sinew::solve::solve;
-use sinew::study::settings::{Bounds, RegularityMode, Scheme};
 
 use super::support::{folder, model, motion, muscle, prepare, root, settings};
 

@@ -331,14 +331,12 @@ fn equations_of_every_girdle_have_their_derivatives() {
 
 #[test]
 fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
-    use sinew::prepare::motion_settings;
     use sinew::solve::solve;
     for girdle in ["fixed", "given", "free"] {
         let study = poling(girdle, "\"motion.abduction_offset_deg\" = 12.0\ntrajectories = true\n");
         let job = &study.jobs[0];
         let model = study.model_of(job).unwrap();
-        let measurement =
-            motion_settings(&job.settings).measure(&study.motion, &model, 61, Deadline::default()).unwrap();
+        let measurement = job.settings.of_motion().measure(&study.motion, &model, 61, Deadline::default()).unwrap();
         let prepared = prepare(&model, &study.motion, &job.settings, job.points);
         let inverse = &prepared.inverse;
         let coordinates = |t: f64, q: &[f64]| {
@@ -357,7 +355,7 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
         let turned = reached(&coordinates(measurement.times[60], &measurement.coordinates[60]));
         let plain = poling(girdle, "");
         let before =
-            motion_settings(&plain.jobs[0].settings).measure(&study.motion, &model, 61, Deadline::default()).unwrap();
+            plain.jobs[0].settings.of_motion().measure(&study.motion, &model, 61, Deadline::default()).unwrap();
         let without = reached(&coordinates(before.times[60], &before.coordinates[60]));
         assert!((turned - without - 12f64.to_radians()).abs() < 1e-6, "{girdle}: {turned} {without}");
         if girdle != "free" {

@@ -9,10 +9,10 @@ use sinew::methods::InverseProblem;
 use sinew::model::Model;
 use sinew::model::file::ModelFile;
 use sinew::motion::{Measurement, MotionTable};
-use sinew::prepare::{Prepared, Task, motion_settings};
+use sinew::prepare::{Prepared, Task};
 use sinew::problem::{ControlProblem, Kind};
+use sinew::settings::{Scheme, Settings};
 use sinew::study::Study;
-use sinew::study::settings::{Scheme, Settings};
 
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -62,7 +62,7 @@ pub fn settings(change: impl FnOnce(&mut Settings)) -> Settings {
 
 /// The measurement for the given settings, on `points` collocation points.
 pub fn measured(settings: &Settings, model: &Model, table: &MotionTable, points: usize) -> Measurement {
-    motion_settings(settings).measure(table, model, points, Deadline::default()).unwrap()
+    settings.of_motion().measure(table, model, points, Deadline::default()).unwrap()
 }
 
 /// A job before it is transcribed.

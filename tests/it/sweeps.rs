@@ -6,7 +6,7 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use sinew::run::{Ended, RunOptions, run};
-use sinew::study::settings::Value;
+use sinew::settings::Value;
 use sinew::study::{Job, Study};
 use sinew::tables::read;
 

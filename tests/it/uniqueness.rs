@@ -7,9 +7,9 @@ use sinew::nlp::regularity::analyse_dense;
 use sinew::nlp::sqp::{self, SqpSettings};
 use sinew::outcome::Outcome;
 use sinew::prepare::Task;
+use sinew::settings::{Bounds, RegularityMode, Scheme, Settings};
 use sinew::solution::Solution;
 use sinew::solve::{solve, solve_from};
-use sinew::study::settings::{Bounds, RegularityMode, Scheme, Settings};
 use sinew::transcription::scheme::evaluate;
 use sinew::uniqueness::activation_intervals;
 

@@ -1,8 +1,8 @@
 //! Starts from the answers of other jobs.
 
 use sinew::prepare::Task;
+use sinew::settings::{RegularityMode, Scheme, WarmStart};
 use sinew::solve::{solve, solve_from};
-use sinew::study::settings::{RegularityMode, Scheme, WarmStart};
 
 use sinew::transcription::scheme::evaluate;
 

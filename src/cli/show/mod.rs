@@ -15,7 +15,7 @@ use super::{GOOD, note, print};
 use crate::error::{Error, Result};
 use crate::run::folder;
 use crate::run::manifest::Manifest;
-use crate::study::sweep::SAMPLE;
+use crate::study::axis::SAMPLE;
 use crate::table1::groups;
 use crate::tables::{self, Table, schema};
 use crate::terminal::heading;

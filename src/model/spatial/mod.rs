@@ -12,6 +12,7 @@
 pub mod euler;
 pub mod jet;
 pub mod joint;
+mod obstacles;
 pub mod path;
 
 use std::sync::Arc;

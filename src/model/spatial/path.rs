@@ -20,7 +20,7 @@ use num_dual::Dual64;
 use super::euler;
 use super::jet::{Jet, dot};
 use super::joint::{PER_BODY, Place};
-use crate::model::path::PathLength;
+use crate::model::straight::PathLength;
 use crate::skeleton::frame::{Frame, Vector, along, minus, norm, unit};
 use crate::skeleton::surface::{Contact, Shape, tangents};
 use crate::skeleton::wrapping::{PlacedSurface, Touch, touches};

@@ -1,220 +1,20 @@
-//! The settings of a study, for `[base]` and axes alike. (Both can also set numeric parameters of the model.)
+//! The settings of a job, as `[base]` and the axes of a study set them. (Both can also set values of the model.)
+
+mod choices;
+mod limits;
+mod value;
+
+pub use choices::{BoundKind, Bounds, Initial, LoadSharingGrid, RegularityMode, Scheme, WarmStart};
+pub use limits::Limits;
+pub use value::{InvalidValue, Value, describe};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use value::{choice, integer, number};
+
 use crate::error::nearest;
-use crate::plausibility::Limits;
-
-/// A value of a study file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(untagged)]
-pub enum Value {
-    Flag(bool),
-    Integer(i64),
-    Number(f64),
-    Text(String),
-}
-
-impl std::fmt::Display for Value {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Value::Flag(flag) => write!(f, "{flag}"),
-            Value::Integer(number) => write!(f, "{number}"),
-            Value::Number(number) => write!(f, "{number}"),
-            Value::Text(text) => write!(f, "{text}"),
-        }
-    }
-}
-
-impl Value {
-    pub fn number(&self) -> Option<f64> {
-        match self {
-            Value::Integer(number) => Some(*number as f64),
-            Value::Number(number) => Some(*number),
-            _ => None,
-        }
-    }
-
-    /// `None` if the item is not a single value.
-    pub fn of(item: &toml::Value) -> Option<Self> {
-        match item {
-            toml::Value::Boolean(flag) => Some(Value::Flag(*flag)),
-            toml::Value::Integer(number) => Some(Value::Integer(*number)),
-            toml::Value::Float(number) => Some(Value::Number(*number)),
-            toml::Value::String(text) => Some(Value::Text(text.clone())),
-            _ => None,
-        }
-    }
-
-    /// True if both values are the same: 1 equals 1.0, and rounding errors in ranges are ignored.
-    pub fn same(&self, other: &Self) -> bool {
-        match (self.number(), other.number()) {
-            (Some(a), Some(b)) => a == b || (a - b).abs() <= 1e-12 * a.abs().max(b.abs()),
-            _ => self == other,
-        }
-    }
-}
-
-/// Why a value cannot be set, and what is allowed.
-#[derive(Clone, Debug, PartialEq)]
-pub struct InvalidValue {
-    pub message: String,
-    pub help: String,
-}
-
-impl InvalidValue {
-    pub fn new(message: impl Into<String>, help: impl Into<String>) -> Self {
-        Self { message: message.into(), help: help.into() }
-    }
-}
-
-macro_rules! choices {
-    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $text:literal),+ $(,)? }) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-        #[serde(rename_all = "snake_case")]
-        pub enum $name { $($(#[$variant_doc])* $variant),+ }
-
-        impl $name {
-            pub const ALL: &'static [&'static str] = &[$($text),+];
-
-            pub fn parse(text: &str) -> Option<Self> {
-                match text { $($text => Some($name::$variant),)+ _ => None }
-            }
-
-            pub fn name(self) -> &'static str {
-                match self { $($name::$variant => $text),+ }
-            }
-        }
-    };
-}
-
-choices! {
-    /// How the continuous problem is transcribed.
-    Scheme {
-        /// the thesis' B-spline collocation, for Table 1; fibre velocities oscillate
-        Midpoint = "midpoint",
-        /// Radau IIA collocation of the stabilised index-2 form; recommended
-        Radau = "radau",
-    }
-}
-
-choices! {
-    /// Initial fibre lengths (radau).
-    Initial {
-        /// the fibres are at rest initially: l̇_m = 0
-        Equilibrium = "equilibrium",
-        /// the initial lengths are unknowns; ill-posed, because they affect only the first step
-        Free = "free",
-    }
-}
-
-choices! {
-    /// Bounds imposed at every collocation point. Without a ≥ 0, f_m ≥ 0 is imposed instead.
-    Bounds {
-        /// no bounds on a and u
-        None = "none",
-        /// a ≥ 0
-        Activation = "activation",
-        /// u ≥ 0
-        Excitation = "excitation",
-        /// a ≥ 0 and u ≥ 0
-        Both = "both",
-        /// 0 ≤ a ≤ 1
-        ActivationBoxed = "activation_boxed",
-        /// 0 ≤ u ≤ 1
-        ExcitationBoxed = "excitation_boxed",
-        /// 0 ≤ a ≤ 1 and 0 ≤ u ≤ 1
-        BothBoxed = "both_boxed",
-    }
-}
-
-choices! {
-    /// Instants at which activation enters the objective.
-    LoadSharingGrid {
-        /// at the measured instants t̂ (Table 1, first block)
-        Measurement = "measurement",
-        /// at the collocation points t (Table 1, second block)
-        Collocation = "collocation",
-    }
-}
-
-choices! {
-    /// Start guess of a job; part of its identity.
-    WarmStart {
-        /// a guess by inverse dynamics
-        Off = "off",
-        /// its own solution on a mesh with half as many intervals, which is started in the same way, down to about ten
-        Mesh = "mesh",
-        /// the solution of the previous job if only the last axis differs, in blocks of at most 16 jobs
-        Neighbour = "neighbour",
-    }
-}
-
-choices! {
-    /// When ranks are computed.
-    RegularityMode {
-        /// at every iterate and at the optimum
-        EveryIteration = "every_iteration",
-        /// only at the optimum, which is faster
-        Optimum = "optimum",
-        /// never; no verdicts on uniqueness and no sensitivities
-        Off = "off",
-    }
-}
-
-/// An inequality on each muscle; all are `≥ 0`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BoundKind {
-    /// a ≥ 0
-    Activation,
-    /// u ≥ 0
-    Excitation,
-    /// 1 − a ≥ 0
-    ActivationUpper,
-    /// 1 − u ≥ 0
-    ExcitationUpper,
-    /// f_m ≥ 0: where a ≥ 0 is not imposed, so that no tendon pushes (eq. 11).
-    Force,
-}
-
-impl BoundKind {
-    /// As in the signal `bound_active`.
-    pub fn name(self) -> &'static str {
-        match self {
-            BoundKind::Activation => "activation",
-            BoundKind::Excitation => "excitation",
-            BoundKind::ActivationUpper => "activation_upper",
-            BoundKind::ExcitationUpper => "excitation_upper",
-            BoundKind::Force => "force",
-        }
-    }
-}
-
-impl Bounds {
-    /// The inequalities to impose: the requested ones, and `f_m ≥ 0` if `a ≥ 0` is not among them.
-    pub fn kinds(self) -> Vec<BoundKind> {
-        let mut kinds = match self {
-            Bounds::None => vec![],
-            Bounds::Activation => vec![BoundKind::Activation],
-            Bounds::Excitation => vec![BoundKind::Excitation],
-            Bounds::Both => vec![BoundKind::Activation, BoundKind::Excitation],
-            Bounds::ActivationBoxed => vec![BoundKind::Activation, BoundKind::ActivationUpper],
-            Bounds::ExcitationBoxed => vec![BoundKind::Excitation, BoundKind::ExcitationUpper],
-            Bounds::BothBoxed => vec![
-                BoundKind::Activation,
-                BoundKind::Excitation,
-                BoundKind::ActivationUpper,
-                BoundKind::ExcitationUpper,
-            ],
-        };
-        if !kinds.contains(&BoundKind::Activation) {
-            kinds.push(BoundKind::Force);
-        }
-        kinds
-    }
-}
+use crate::motion::MotionSettings;
 
 /// All settings of a job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -530,6 +330,18 @@ impl Settings {
         self.measurement_ratio.unwrap_or(2 * self.points_per_interval())
     }
 
+    /// How to measure the motion.
+    pub fn of_motion(&self) -> MotionSettings {
+        MotionSettings {
+            measurement_ratio: self.measured_per_interval(),
+            smoothing_hz: self.smoothing_hz,
+            noise_sd: self.noise_sd,
+            seed: self.seed,
+            time_scale: self.time_scale,
+            changes: self.motion.clone(),
+        }
+    }
+
     fn set_motion(&mut self, change: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), InvalidValue> {
         if change == "time_scale" {
             self.time_scale = number(value, 1e-6..=1e6, "a positive factor")?;
@@ -637,41 +449,4 @@ pub fn unknown(name: &str) -> InvalidValue {
             NAMES.join(", ")
         ),
     )
-}
-
-pub fn describe(value: &Value) -> String {
-    match value {
-        Value::Flag(flag) => format!("the value {flag}"),
-        Value::Integer(number) => format!("the whole number {number}"),
-        Value::Number(number) => format!("the number {number}"),
-        Value::Text(text) => format!("the text \"{text}\""),
-    }
-}
-
-fn number(value: &Value, range: std::ops::RangeInclusive<f64>, allowed: &str) -> Result<f64, InvalidValue> {
-    match value.number() {
-        Some(number) if range.contains(&number) => Ok(number + 0.0), // no −0
-        _ => Err(InvalidValue::new(format!("found {}", describe(value)), format!("it must be {allowed}"))),
-    }
-}
-
-fn integer(value: &Value, range: std::ops::RangeInclusive<i64>) -> Result<i64, InvalidValue> {
-    match value {
-        Value::Integer(number) if range.contains(number) => Ok(*number),
-        _ => Err(InvalidValue::new(
-            format!("found {}", describe(value)),
-            format!("it must be a whole number from {} to {}", range.start(), range.end()),
-        )),
-    }
-}
-
-fn choice<T>(value: &Value, allowed: &[&str], parse: impl Fn(&str) -> Option<T>) -> Result<T, InvalidValue> {
-    let help = |found: &str| {
-        let near = nearest(found, allowed.iter().copied()).map(|n| format!("did you mean \"{n}\"? "));
-        format!("{}it must be one of: {}", near.unwrap_or_default(), allowed.join(", "))
-    };
-    match value {
-        Value::Text(text) => parse(text).ok_or_else(|| InvalidValue::new(format!("found \"{text}\""), help(text))),
-        other => Err(InvalidValue::new(format!("found {}", describe(other)), help(""))),
-    }
 }

@@ -1,0 +1,154 @@
+//! Entries that files of planar and of spatial models share, and checks of names and numbers in both.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::curves::ForceVelocity;
+use crate::error::{Issue, nearest};
+use crate::names;
+
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CurvesEntry {
+    /// Force at infinite lengthening velocity relative to the isometric force, eq. (8).
+    pub eccentric_limit: f64,
+    /// Curvature of the shortening branch, b3 of eq. (9); between 0 and 1.
+    pub shortening_curvature: f64,
+}
+
+impl Default for CurvesEntry {
+    fn default() -> Self {
+        let curve = ForceVelocity::default();
+        Self { eccentric_limit: curve.eccentric_limit, shortening_curvature: curve.shortening }
+    }
+}
+
+impl CurvesEntry {
+    /// # Errors
+    /// If a number is out of its range.
+    pub fn check(&self) -> std::result::Result<ForceVelocity, Issue> {
+        let curve = ForceVelocity { shortening: self.shortening_curvature, eccentric_limit: self.eccentric_limit };
+        if !(curve.shortening > 0.0 && curve.shortening < 1.0) {
+            return Err(Issue::new(
+                &["curves", "shortening_curvature"],
+                format!("found {}", curve.shortening),
+                "it must lie between 0 and 1; the thesis uses 0.25",
+            ));
+        }
+        if !(curve.eccentric_limit > 1.0 && curve.eccentric_limit.is_finite()) {
+            return Err(Issue::new(
+                &["curves", "eccentric_limit"],
+                format!("found {}", curve.eccentric_limit),
+                "it must be above 1; the thesis uses 1.33",
+            ));
+        }
+        Ok(curve)
+    }
+}
+
+/// An actuator at a joint coordinate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Actuator {
+    pub name: String,
+    /// The joint coordinate that it drives.
+    pub coordinate: String,
+    /// Moment or force at a control of 1, N m or N.
+    pub optimal_force: f64,
+    /// Bounds on its control.
+    pub control: [f64; 2],
+}
+
+/// An actuator at a joint coordinate, such as a motor or a residual actuator.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorEntry {
+    /// Name of the actuator.
+    pub name: String,
+    /// The joint coordinate that it drives.
+    pub coordinate: String,
+    /// Moment or force at a control of 1, N m or N.
+    pub optimal_force: f64,
+    /// Lower bound on its control; none by default.
+    pub min_control: Option<f64>,
+    /// Upper bound on its control; none by default.
+    pub max_control: Option<f64>,
+}
+
+impl ActuatorEntry {
+    /// Checks the entry against the joint coordinates of the model.
+    ///
+    /// # Errors
+    /// If a number is out of range or the coordinate unknown.
+    pub fn check<'c>(
+        &self,
+        coordinates: impl Iterator<Item = &'c str> + Clone,
+    ) -> std::result::Result<Actuator, Issue> {
+        let key = |key| ["actuator", self.name.as_str(), key];
+        positive(&key("optimal_force"), self.optimal_force, "N m or N")?;
+        let control = [self.min_control.unwrap_or(f64::NEG_INFINITY), self.max_control.unwrap_or(f64::INFINITY)];
+        if !(control[0] < control[1]) {
+            let found = format!("found controls from {} to {}", control[0], control[1]);
+            return Err(Issue::new(&key("min_control"), found, "the lower bound must be below the upper one"));
+        }
+        if !coordinates.clone().any(|name| name == self.coordinate) {
+            let near = nearest(&self.coordinate, coordinates.clone()).map(|n| format!("did you mean `{n}`? "));
+            let all = coordinates.collect::<Vec<_>>().join(", ");
+            let help = format!("{}the model has: {all}", near.unwrap_or_default());
+            return Err(Issue::new(&key("coordinate"), format!("no joint coordinate `{}`", self.coordinate), help));
+        }
+        Ok(Actuator {
+            name: self.name.clone(),
+            coordinate: self.coordinate.clone(),
+            optimal_force: self.optimal_force,
+            control,
+        })
+    }
+}
+
+/// Rejects numbers that are not positive and finite.
+pub fn positive(path: &[&str], value: f64, unit: &str) -> std::result::Result<(), Issue> {
+    if value > 0.0 && value.is_finite() {
+        Ok(())
+    } else {
+        Err(Issue::new(path, format!("found {value}"), format!("it must be a positive number ({unit})")))
+    }
+}
+
+/// Rejects numbers that are not finite.
+pub fn finite(path: &[&str], values: &[f64]) -> std::result::Result<(), Issue> {
+    match values.iter().find(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(value) => Err(Issue::new(path, format!("found {value}"), "it must be a finite number")),
+    }
+}
+
+/// Rejects a name that is not safe in files, web pages and spreadsheets.
+pub fn named(path: &[&str], name: &str) -> std::result::Result<(), Issue> {
+    match names::defect(name) {
+        None => Ok(()),
+        Some(defect) => {
+            let path: Vec<String> = path.iter().map(|key| names::shown(key)).collect();
+            let path: Vec<&str> = path.iter().map(String::as_str).collect();
+            Err(Issue::new(&path, format!("the name \"{}\": {defect}", names::shown(name)), "give it another name"))
+        }
+    }
+}
+
+/// Checks that each name is safe, can be addressed by studies, and occurs only once.
+pub fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::result::Result<(), Issue> {
+    let mut seen = std::collections::BTreeSet::new();
+    for name in names {
+        named(&[kind, name], name)?;
+        if name.contains(['.', '*']) {
+            return Err(Issue::new(
+                &[kind, name],
+                format!("found the name \"{name}\""),
+                "a name must not contain `.` or `*`: studies address values as kind.name.key",
+            ));
+        }
+        if !seen.insert(name) {
+            return Err(Issue::new(&[kind, name], format!("the name `{name}` occurs twice"), "give each its own name"));
+        }
+    }
+    Ok(())
+}
