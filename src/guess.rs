@@ -60,7 +60,7 @@ impl<'g> Guess<'g> {
         let model = inverse.model;
         let (times, breakpoints) = mesh(points, measurement.times[measurement.times.len() - 1]);
         let [state, coordinate] = [1, 2].map(|degree| SplineSpace::new(degree, &breakpoints));
-        let coordinates: Vec<Vec<f64>> = (0..model.coordinates())
+        let coordinates: Vec<Vec<f64>> = (0..model.mechanics.coordinates())
             .map(|i| {
                 let data: Vec<f64> = measurement.coordinates.iter().map(|q| q[i]).collect();
                 fit(&coordinate, &measurement.times, &data, 1e-9)
@@ -224,7 +224,7 @@ fn distribute_load(
         return None;
     }
     let (model, motion) = (inverse.model, &inverse.motion);
-    let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
+    let (nq, nc, nm) = (model.mechanics.coordinates(), model.mechanics.constraints(), model.muscles.len());
     // The equation of motion is linear in the reactions and the tendon forces: assemble its coefficients.
     let mut z = inverse.control.given_at(t);
     z[motion.q.range()].copy_from_slice(q);
@@ -251,7 +251,7 @@ fn distribute_load(
             columns.push((*slot, m, strength * (high - low) * gradient));
         }
     }
-    model.mechanics.constraint_functions(all, |row, slots, _, gradient, _| {
+    model.mechanics.constraint_functions(all, &mut |row, slots, _, gradient, _| {
         for (&coordinate, &gradient) in slots.iter().zip(gradient).filter(|(slot, _)| **slot < nq) {
             columns.push((coordinate, nm + row, gradient));
         }

@@ -198,8 +198,8 @@ pub fn rate_and_range(time: &[f64], values: &[f64]) -> (f64, [f64; 2]) {
 /// The warning on an implausibly fast or large motion, with the job's changes applied.
 pub fn of_motion(table: &MotionTable, model: &Model, settings: &Settings) -> Option<Warning> {
     let limits = &settings.warn;
-    let coordinates = model.joint_coordinates();
-    let ignored = model.unmoved_coordinates();
+    let coordinates = model.mechanics.joint_coordinates();
+    let ignored = model.mechanics.unmoved_coordinates();
     let found: Vec<String> = (table.columns.iter())
         .filter(|(name, _)| !ignored.iter().any(|(known, _)| known == name))
         .filter_map(|(name, values)| {

@@ -73,7 +73,11 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
                 Ok(described(&SkeletonFile::load(&file)?))
             } else {
                 let (_, model) = ModelFile::load(&file)?;
-                Ok(format!("model, {} bodies and {} muscles", model.bodies(), model.muscles.len()))
+                Ok(format!(
+                    "model, {} bodies and {} muscles",
+                    model.mechanics.bodies_and_joints().0,
+                    model.muscles.len()
+                ))
             }
         }
         _ => Err(Error::Table {
@@ -112,7 +116,7 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
         table.time[table.time.len() - 1],
         1.0 / mean
     );
-    let angles = model.joint_coordinates();
+    let angles = model.mechanics.joint_coordinates();
     let ranges = |name: &str| {
         let skeleton = &model.spatial()?.skeleton;
         skeleton.coordinates.iter().find(|coordinate| coordinate.name == name)?.range

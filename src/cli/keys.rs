@@ -83,7 +83,7 @@ fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
     } else {
         let (table, model) = load_model(file)?;
         let named = |(name, is_angle): (&str, bool)| (name.to_owned(), is_angle);
-        let coordinates = model.joint_coordinates().into_iter().map(named).collect();
+        let coordinates = model.mechanics.joint_coordinates().into_iter().map(named).collect();
         (table, coordinates)
     };
     let kind = if is_spatial { FileKind::SpatialModel } else { FileKind::PlanarModel };

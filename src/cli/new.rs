@@ -86,7 +86,7 @@ fn study_text(name: &str, path: &Path, model_path: &Path, motion_path: &Path) ->
     let sweepable = || model.muscles.iter().filter(|muscle| muscle.name == "biceps").chain(&model.muscles);
     let muscle = sweepable().next().map_or("NAME", |muscle| muscle.name.as_str());
     let other = sweepable().map(|other| other.name.as_str()).find(|name| *name != muscle).unwrap_or("NAME");
-    let coordinate = model.joint_coordinates().into_iter().find(|(_, is_angle)| *is_angle);
+    let coordinate = model.mechanics.joint_coordinates().into_iter().find(|(_, is_angle)| *is_angle);
     let coordinate = coordinate.map_or_else(|| "COORDINATE".to_owned(), |(name, _)| name.to_owned());
     let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
     let from_study = |file: &Path| quoted(&from_study(path, file).to_string_lossy());

@@ -81,7 +81,7 @@ struct Quantities {
 impl Quantities {
     fn declare<'m>(problem: &mut Builder<'m>, model: &Model, scheme: Scheme, surroundings: &Arc<Surroundings>) -> Self {
         let is_first_order = scheme == Scheme::Radau;
-        let names = model.body_coordinate_names();
+        let names = model.mechanics.body_coordinate_names();
         let muscles = || model.muscles.iter().map(|muscle| muscle.name.clone()).collect::<Vec<_>>();
         let constraints = model.constraint_names();
         let order = if is_first_order { 1 } else { 2 };
@@ -93,8 +93,9 @@ impl Quantities {
         let reaction = problem.quantity_in("reaction", constraints.clone(), Kind::Algebraic, model.weight());
         let stabiliser = is_first_order.then(|| problem.quantity("stabiliser", constraints, Kind::Algebraic));
         let (bodies, forces) = (surroundings.clone(), surroundings.clone());
-        let given = problem.given("given_coordinate", model.given_coordinate_names(), move |t| bodies.given(t));
-        let load = problem.given("load", model.load_names(), move |t| (forces.loads(t).concat(), Vec::new()));
+        let given =
+            problem.given("given_coordinate", model.mechanics.given_coordinate_names(), move |t| bodies.given(t));
+        let load = problem.given("load", model.mechanics.load_names(), move |t| (forces.loads(t).concat(), Vec::new()));
         Self { coordinate, velocity, fibre_length, activation, excitation, reaction, stabiliser, given, load }
     }
 }
@@ -157,7 +158,7 @@ struct Equations {
 
 impl Equations {
     fn declare(problem: &mut Builder<'_>, quantities: &Quantities, model: &Model) -> Self {
-        let (nq, nc, nm) = (model.coordinates(), model.constraints(), model.muscles.len());
+        let (nq, nc, nm) = (model.mechanics.coordinates(), model.mechanics.constraints(), model.muscles.len());
         Self {
             motion: problem.equation("motion", nq, true),
             joints: problem.equation("joints", nc, true),
@@ -172,7 +173,7 @@ impl Equations {
 }
 
 fn add_motion<'m>(problem: &mut Builder<'m>, model: &'m Model, variables: &Variables, equations: &Equations) {
-    let mechanics = &model.mechanics;
+    let mechanics = model.mechanics.as_ref();
     problem.block(EquationOfMotion {
         mechanics,
         weight: model.weight(),
@@ -255,7 +256,7 @@ fn add_actuators<'m>(
     let Some(planar) = model.planar() else { return Vec::new() };
     let own = model.actuators.iter().map(|a| (a.coordinate.as_str(), a.name.as_str(), a.optimal_force, a.control, 1.0));
     let free = [f64::NEG_INFINITY, f64::INFINITY];
-    let reserves = (planar.joint_coordinates())
+    let reserves = (planar.coordinates_of_joints())
         .map(|(_, name)| (name, name, settings.reserve(name), free, settings.reserve_weight))
         .filter(|(_, _, moment, ..)| *moment > 0.0);
     let all: Vec<_> = own.chain(reserves).collect();
@@ -268,7 +269,7 @@ fn add_actuators<'m>(
     let weight = model.weight();
     let mut drives = Vec::new();
     for (member, (coordinate, name, moment, bounds, cost)) in all.into_iter().enumerate() {
-        let mut joints = planar.joint_coordinates().filter(|(_, known)| *known == coordinate);
+        let mut joints = planar.coordinates_of_joints().filter(|(_, known)| *known == coordinate);
         let (joint, _) = joints.next().expect("checked with the model");
         let control = controls.at(member);
         problem.block(Reserve {
@@ -337,7 +338,7 @@ pub fn goals(
     settings: &Settings,
 ) -> Vec<Goal> {
     let model = inverse.model;
-    let weights: Vec<f64> = (0..model.coordinates()).map(|i| model.tracking_weight(i)).collect();
+    let weights: Vec<f64> = (0..model.mechanics.coordinates()).map(|i| model.mechanics.tracking_weight(i)).collect();
     let mut all =
         vec![goals::tracking(inverse.motion.coordinate, &measurement.times, &measurement.coordinates, &weights)];
     if settings.mu > 0.0 {

@@ -116,11 +116,12 @@ pub fn predict(
         let muscles = model.muscles.len();
         let linear: usize = (0..muscles).map(|m| linear_rows_on_length(inverse, problem, m).len()).sum();
         // nm + nc − nq may be negative for a model with fewer muscles than degrees of freedom.
-        let spare = (muscles + inverse.actuators.len() + model.constraints()).saturating_sub(model.coordinates());
+        let spare = (muscles + inverse.actuators.len() + model.mechanics.constraints())
+            .saturating_sub(model.mechanics.coordinates());
         let complete = problem.points.iter().filter(|point| point.complete).count();
         let start = match inverse.motion.joint_velocities {
             None => 0,
-            Some(_) => model.coordinates() - (model.constraints() - joints.missing_at_start),
+            Some(_) => model.mechanics.coordinates() - (model.mechanics.constraints() - joints.missing_at_start),
         };
         Some(2 * muscles - linear + complete * spare + start + joints.free_reactions)
     } else {

@@ -4,6 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::joint::PairFunction;
+use super::mechanics::Mechanics;
 use super::planar::Planar;
 
 /// The joints of a model cannot all be closed.
@@ -57,7 +58,7 @@ impl Planar {
     /// The motions (a column each, nq rows) in which one joint coordinate changes at a rate of 1 and all others stay. `None`
     /// if joints that close a loop allow none.
     pub fn coordinate_directions(&self, q: &[f64]) -> Option<DMatrix<f64>> {
-        let count = self.joint_coordinates().count();
+        let count = self.coordinates_of_joints().count();
         let (_, jacobian) = self.conditions(q, Some(&vec![Some(0.0); count]));
         let constraints = self.constraints();
         let inverse = (jacobian.is_square()).then(|| jacobian.try_inverse())??;
@@ -103,7 +104,7 @@ impl Planar {
             joint.constraints(q, |f| push(f, 0.0, joint.slots()));
         }
         if let Some(given) = given {
-            for ((joint, _), value) in self.joint_coordinates().zip(given) {
+            for ((joint, _), value) in self.coordinates_of_joints().zip(given) {
                 if let Some(value) = value {
                     push(&joint.coordinate_value(q), *value, joint.slots());
                 }
@@ -168,7 +169,7 @@ mod tests {
         for joint in &model.joints {
             joint.constraints(&q, |f| assert!(f.value.abs() < 1e-10));
         }
-        let (main, _) = model.joint_coordinates().next().unwrap();
+        let (main, _) = model.mechanics.joint_coordinates().next().unwrap();
         assert!((main.coordinate_value(&q).value - 0.4).abs() < 1e-9);
 
         let text = text.replace("parent_point = [0.5, 0.0]", "parent_point = [0.01, 0.0]");

@@ -2,13 +2,14 @@
 //!
 //! Units are SI; angles are in degrees if the key ends in `_deg`. `data/models/arm.toml` is a commented example.
 
+use std::sync::Arc;
+
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::Model;
 use super::body::{Body, ExternalForce, Place};
 use super::joint::{Joint, JointKind};
-use super::mechanics::Mechanics;
 use super::musculotendon::Musculotendon;
 use super::path::{Path, StraightPath};
 use super::planar::Planar;
@@ -245,7 +246,7 @@ impl ModelFile {
             .iter()
             .map(|b| Body { name: b.name.clone(), mass: b.mass, inertia: b.inertia, centre_of_mass: b.centre_of_mass })
             .collect();
-        let mechanics = Mechanics::Planar(Planar { gravity: self.gravity, bodies, joints, forces });
+        let mechanics = Arc::new(Planar { gravity: self.gravity, bodies, joints, forces });
         Ok(Model { name: self.name.clone(), mechanics, muscles, actuators })
     }
 

@@ -1,14 +1,8 @@
-//! What the equations of motion need to know of a mechanism, planar or spatial.
+//! What the equations of motion and the results need to know of a mechanism.
 
-use super::planar::Planar;
-use super::spatial::Spatial;
-use crate::numerics::Scalar;
+use std::any::Any;
 
-#[derive(Clone, Debug)]
-pub enum Mechanics {
-    Planar(Planar),
-    Spatial(Spatial),
-}
+use num_dual::Dual64;
 
 /// A body coordinate, its rate or its acceleration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,115 +20,113 @@ pub struct Motion<'a> {
     pub acceleration: &'a [f64],
 }
 
-macro_rules! either {
-    ($self:expr, $mechanism:ident => $call:expr) => {
-        match $self {
-            Mechanics::Planar($mechanism) => $call,
-            Mechanics::Spatial($mechanism) => $call,
-        }
-    };
-}
+/// Receives a constraint function: its row, its coordinates (`usize::MAX` for the ground, nq and more for bodies whose
+/// motion is given), value, gradient and Hessian over those.
+pub type EachConstraint<'e, T> = &'e mut dyn FnMut(usize, &[usize], T, &[T], &[T]);
 
-impl Mechanics {
+/// Bodies, joints and external forces, with the equations of their motion. Where `q` is asked for, it holds the coordinates
+/// of all bodies, those of given motion last.
+pub trait Mechanics: std::fmt::Debug + Send + Sync {
+    /// For code that knows one kind of mechanism only.
+    fn as_any(&self) -> &dyn Any;
+
+    /// Names of the body coordinates that are unknowns, `upper_arm.x` and so on; nq of them.
+    fn body_coordinate_names(&self) -> Vec<String>;
+
     /// Number of body coordinates nq that are unknowns.
-    pub fn coordinates(&self) -> usize {
-        either!(self, m => m.coordinates())
+    fn coordinates(&self) -> usize;
+
+    /// Names of the coordinates of bodies whose motion is given.
+    fn given_coordinate_names(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// Number of joint constraints nc.
-    pub fn constraints(&self) -> usize {
-        either!(self, m => m.constraints())
+    fn constraints(&self) -> usize;
+
+    /// Name of the reaction of each constraint, `joint.0` and so on; `None` for pᵀp = 1, which has no reaction.
+    fn reaction_names(&self) -> Vec<Option<String>>;
+
+    /// Names of the components of the external forces: three each; of a planar one the third is its moment.
+    fn load_names(&self) -> Vec<String>;
+
+    /// The external forces where nothing else is known of them, see [`Mechanics::force`].
+    fn constant_loads(&self) -> Vec<[f64; 3]>;
+
+    /// The joint coordinates by name, and whether each is an angle.
+    fn joint_coordinates(&self) -> Vec<(&str, bool)>;
+
+    /// What a study may change in a motion beside the joint coordinates, by name; angles.
+    fn turns(&self) -> Vec<&str> {
+        Vec::new()
     }
 
-    /// Hands each constraint function to `each`: its row, its coordinates (`usize::MAX` for the ground, nq and more for bodies
-    /// whose motion is given), value, gradient and Hessian over those. `q`: all coordinates, the given ones last.
-    pub fn constraint_functions<T: Scalar>(&self, q: &[T], each: impl FnMut(usize, &[usize], T, &[T], &[T])) {
-        either!(self, m => m.constraint_functions(q, each));
+    /// Joint coordinates that stay as they are whatever the motion says, with why.
+    fn unmoved_coordinates(&self) -> Vec<(String, &'static str)> {
+        Vec::new()
     }
 
-    /// The coordinates of each constraint that are unknowns.
-    pub fn constraint_slots(&self) -> Vec<Vec<usize>> {
-        let nq = self.coordinates();
-        let unknown = |slots: &[usize]| slots.iter().copied().filter(|&slot| slot < nq).collect::<Vec<_>>();
-        match self {
-            Mechanics::Planar(planar) => (planar.joints.iter())
-                .flat_map(|joint| {
-                    let slots = unknown(&joint.slots().map(|slot| slot.unwrap_or(usize::MAX)));
-                    vec![slots; joint.kind.constraints()]
-                })
-                .collect(),
-            Mechanics::Spatial(spatial) => {
-                spatial.joints.iter().flat_map(|joint| vec![unknown(&joint.slots()); joint.constraints()]).collect()
-            }
-        }
+    /// Joint coordinates that a motion must have.
+    fn needed_coordinates(&self) -> Vec<&str>;
+
+    /// External forces that the motion file must have over time.
+    fn measured_forces(&self) -> Vec<&str> {
+        Vec::new()
     }
+
+    /// Values of the joint coordinates (rad, m), of a spatial model those that move by forces and its turns. `near`: values
+    /// before, from which those of a spatial model are found, and which are brought up to date.
+    fn joint_coordinate_values(&self, q: &[f64], near: &mut Vec<f64>) -> Vec<(&str, f64)>;
+
+    /// Total mass (kg) of the bodies that move by forces, and the size of gravity, m/s².
+    fn mass_and_gravity(&self) -> (f64, f64);
+
+    /// Numbers of bodies that move by forces, and of joints.
+    fn bodies_and_joints(&self) -> (usize, usize);
+
+    /// Weight of a body coordinate in the tracking term: 1, but 2 for an Euler parameter, whose change is half the angle
+    /// turned.
+    fn tracking_weight(&self, coordinate: usize) -> f64;
+
+    /// Coordinates of a body, and how many of them are positions (m).
+    fn per_body(&self) -> (usize, usize);
+
+    /// Hands each constraint function to `each`.
+    fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>);
+
+    /// The same with directional derivatives in the dual parts.
+    fn constraint_functions_along(&self, q: &[Dual64], each: EachConstraint<'_, Dual64>);
 
     /// Inertial forces less gravity and external forces, `M q̈ + (quadratic velocity terms) − g_ext`, N and N m.
     /// `loads`: each external force in the ground's axes (N), planar ones with their moment (N m) third.
-    pub fn force(&self, motion: Motion<'_>, loads: &[[f64; 3]], out: &mut [f64]) {
-        either!(self, m => m.force(motion, loads, out));
-    }
+    fn force(&self, motion: Motion<'_>, loads: &[[f64; 3]], out: &mut [f64]);
 
-    /// Hands the non-zero derivatives of [`Mechanics::force`] to `each`: row, by what, which of it, value.
-    pub fn slopes(&self, motion: Motion<'_>, loads: &[[f64; 3]], each: impl FnMut(usize, Level, usize, f64)) {
-        either!(self, m => m.slopes(motion, loads, each));
-    }
+    /// Hands the non-zero derivatives of [`Mechanics::force`] to `each`: row, by what, which of it, value. They are the same
+    /// ones at every motion.
+    fn slopes(&self, motion: Motion<'_>, loads: &[[f64; 3]], each: &mut dyn FnMut(usize, Level, usize, f64));
 
-    /// Hands the non-zero second derivatives of `λᵀ force` to `each`, both of a symmetric pair.
-    pub fn bends(
+    /// Hands the non-zero second derivatives of `λᵀ force` to `each`, both of a symmetric pair; the same ones at every motion.
+    fn bends(
         &self,
         motion: Motion<'_>,
         loads: &[[f64; 3]],
         lambda: &[f64],
-        each: impl FnMut((Level, usize), (Level, usize), f64),
-    ) {
-        either!(self, m => m.bends(motion, loads, lambda, each));
-    }
+        each: &mut dyn FnMut((Level, usize), (Level, usize), f64),
+    );
 
     /// Each body as a line over points in the ground frame (m), from the joints that hold it to those that it holds and the external forces
-    /// on it; over its centre of mass where these are fewer than two. `q`: all coordinates.
-    pub fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
-        either!(self, m => m.bones(q))
-    }
+    /// on it; over its centre of mass where these are fewer than two.
+    fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)>;
+}
 
-    /// Everything that [`Mechanics::slopes`] can hand out.
-    pub fn slope_pattern(&self) -> Vec<(usize, Level, usize)> {
-        let nq = self.coordinates();
-        match self {
-            Mechanics::Planar(_) => {
-                (0..nq).flat_map(|i| [Level::Coordinate, Level::Acceleration].map(|level| (i, level, i))).collect()
-            }
-            Mechanics::Spatial(_) => {
-                use super::spatial::joint::PER_BODY;
-                let mut pattern: Vec<(usize, Level, usize)> = (0..nq).map(|i| (i, Level::Acceleration, i)).collect();
-                for i in (0..nq).filter(|i| i % PER_BODY >= 3) {
-                    for j in i / PER_BODY * PER_BODY + 3..(i / PER_BODY + 1) * PER_BODY {
-                        let levels = [Level::Coordinate, Level::Velocity, Level::Acceleration];
-                        pattern.extend(levels.map(|level| (i, level, j)));
-                    }
-                }
-                pattern
-            }
-        }
-    }
+/// `name.axis` for each axis.
+pub(super) fn named<'n>(name: &'n str, axes: &'n [&str]) -> impl Iterator<Item = String> + use<'n> {
+    axes.iter().map(move |axis| format!("{name}.{axis}"))
+}
 
-    /// Every pair of [`Mechanics::bends`].
-    pub fn bend_pattern(&self) -> Vec<((Level, usize), (Level, usize))> {
-        use Level::{Acceleration, Coordinate, Velocity};
-        let pairs: &[(Level, Level)] = match self {
-            Mechanics::Planar(_) => &[(Coordinate, Coordinate)],
-            Mechanics::Spatial(_) => &[
-                (Coordinate, Coordinate),
-                (Velocity, Velocity),
-                (Velocity, Coordinate),
-                (Coordinate, Velocity),
-                (Acceleration, Coordinate),
-                (Coordinate, Acceleration),
-            ],
-        };
-        let places = self.slope_pattern().into_iter().filter(|(_, level, _)| *level == Coordinate);
-        places.flat_map(|(i, _, j)| pairs.iter().map(move |&(a, b)| ((a, i), (b, j)))).collect()
-    }
+/// `name.0`, `name.1` and so on.
+pub(super) fn numbered(name: &str, count: usize) -> impl Iterator<Item = String> + use<'_> {
+    (0..count).map(move |k| format!("{name}.{k}"))
 }
 
 /// The line of a bone; see [`Mechanics::bones`].

@@ -1,8 +1,12 @@
 //! A planar mechanism: a body has the coordinates x, y (m) of its centre of mass and its angle φ (rad), `nq = 3 nb`.
 
+use std::any::Any;
+
+use num_dual::Dual64;
+
 use super::body::{Body, ExternalForce, Place};
 use super::joint::Joint;
-use super::mechanics::{Level, Motion, through};
+use super::mechanics::{EachConstraint, Level, Mechanics, Motion, named, numbered, through};
 use crate::numerics::Scalar;
 
 #[derive(Clone, Debug)]
@@ -15,26 +19,98 @@ pub struct Planar {
 }
 
 impl Planar {
-    pub fn coordinates(&self) -> usize {
-        3 * self.bodies.len()
-    }
-
-    pub fn constraints(&self) -> usize {
-        self.joints.iter().map(|joint| joint.kind.constraints()).sum()
-    }
-
     /// Diagonal of the mass matrix M: mass, mass, inertia of each body (kg, kg, kg m²).
     pub fn mass_diagonal(&self) -> Vec<f64> {
         self.bodies.iter().flat_map(|body| [body.mass, body.mass, body.inertia]).collect()
     }
 
     /// Names of the joint coordinates, in the order of the joints.
-    pub fn joint_coordinates(&self) -> impl Iterator<Item = (&Joint, &str)> {
+    pub fn coordinates_of_joints(&self) -> impl Iterator<Item = (&Joint, &str)> {
         self.joints.iter().filter_map(|joint| joint.coordinate.as_deref().map(|name| (joint, name)))
     }
 
-    /// See [`super::Mechanics::bones`].
-    pub fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
+    fn functions<T: Scalar>(&self, q: &[T], each: EachConstraint<'_, T>) {
+        let mut row = 0;
+        for joint in &self.joints {
+            let slots = joint.slots().map(|slot| slot.unwrap_or(usize::MAX));
+            joint.constraints(q, |function| {
+                each(row, &slots, function.value, &function.gradient, function.hessian.as_flattened());
+                row += 1;
+            });
+        }
+    }
+}
+
+impl Mechanics for Planar {
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+
+    fn body_coordinate_names(&self) -> Vec<String> {
+        self.bodies.iter().flat_map(|body| named(&body.name, &["x", "y", "angle"])).collect()
+    }
+
+    fn coordinates(&self) -> usize {
+        3 * self.bodies.len()
+    }
+
+    fn constraints(&self) -> usize {
+        self.joints.iter().map(|joint| joint.kind.constraints()).sum()
+    }
+
+    fn reaction_names(&self) -> Vec<Option<String>> {
+        self.joints.iter().flat_map(|joint| numbered(&joint.name, joint.kind.constraints()).map(Some)).collect()
+    }
+
+    fn load_names(&self) -> Vec<String> {
+        self.forces.iter().flat_map(|force| numbered(&force.name, 3)).collect()
+    }
+
+    fn constant_loads(&self) -> Vec<[f64; 3]> {
+        self.forces.iter().map(|f| [f.force[0], f.force[1], f.moment]).collect()
+    }
+
+    fn joint_coordinates(&self) -> Vec<(&str, bool)> {
+        self.coordinates_of_joints().map(|(joint, name)| (name, joint.kind.is_angular())).collect()
+    }
+
+    /// All, unless there are loops, where some follow from others.
+    fn needed_coordinates(&self) -> Vec<&str> {
+        if self.joints.len() > self.bodies.len() {
+            return Vec::new();
+        }
+        self.coordinates_of_joints().map(|(_, name)| name).collect()
+    }
+
+    fn joint_coordinate_values(&self, q: &[f64], _near: &mut Vec<f64>) -> Vec<(&str, f64)> {
+        self.coordinates_of_joints().map(|(joint, name)| (name, joint.coordinate_value(q).value)).collect()
+    }
+
+    fn mass_and_gravity(&self) -> (f64, f64) {
+        (self.bodies.iter().map(|body| body.mass).sum(), self.gravity[0].hypot(self.gravity[1]))
+    }
+
+    fn bodies_and_joints(&self) -> (usize, usize) {
+        (self.bodies.len(), self.joints.len())
+    }
+
+    fn tracking_weight(&self, _coordinate: usize) -> f64 {
+        1.0
+    }
+
+    fn per_body(&self) -> (usize, usize) {
+        (3, 2)
+    }
+
+    fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>) {
+        self.functions(q, each);
+    }
+
+    fn constraint_functions_along(&self, q: &[Dual64], each: EachConstraint<'_, Dual64>) {
+        self.functions(q, each);
+    }
+
+    fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
         let position = |place: Place| place.at(q).position.to_vec();
         let bone = |b: usize| {
             let on_it = |place: &&Place| place.body() == Some(b);
@@ -46,20 +122,7 @@ impl Planar {
         self.bodies.iter().enumerate().map(|(b, body)| (body.name.as_str(), bone(b))).collect()
     }
 
-    /// See [`super::Mechanics::constraint_functions`].
-    pub fn constraint_functions<T: Scalar>(&self, q: &[T], mut each: impl FnMut(usize, &[usize], T, &[T], &[T])) {
-        let mut row = 0;
-        for joint in &self.joints {
-            let slots = joint.slots().map(|slot| slot.unwrap_or(usize::MAX));
-            joint.constraints(q, |function| {
-                each(row, &slots, function.value, &function.gradient, function.hessian.as_flattened());
-                row += 1;
-            });
-        }
-    }
-
-    /// M q̈ − g_ext
-    pub fn force(&self, motion: Motion<'_>, loads: &[[f64; 3]], out: &mut [f64]) {
+    fn force(&self, motion: Motion<'_>, loads: &[[f64; 3]], out: &mut [f64]) {
         for (b, body) in self.bodies.iter().enumerate() {
             for axis in 0..2 {
                 out[3 * b + axis] = body.mass * (motion.acceleration[3 * b + axis] - self.gravity[axis]);
@@ -75,7 +138,7 @@ impl Planar {
         }
     }
 
-    pub fn slopes(&self, motion: Motion<'_>, loads: &[[f64; 3]], mut each: impl FnMut(usize, Level, usize, f64)) {
+    fn slopes(&self, motion: Motion<'_>, loads: &[[f64; 3]], each: &mut dyn FnMut(usize, Level, usize, f64)) {
         for (i, mass) in self.mass_diagonal().into_iter().enumerate() {
             each(i, Level::Acceleration, i, mass);
         }
@@ -86,12 +149,12 @@ impl Planar {
         }
     }
 
-    pub fn bends(
+    fn bends(
         &self,
         motion: Motion<'_>,
         loads: &[[f64; 3]],
         lambda: &[f64],
-        mut each: impl FnMut((Level, usize), (Level, usize), f64),
+        each: &mut dyn FnMut((Level, usize), (Level, usize), f64),
     ) {
         for (force, load) in self.forces.iter().zip(loads) {
             // The third derivative by the angle is −R′ s.

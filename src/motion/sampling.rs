@@ -10,10 +10,10 @@ use super::MotionTable;
 use super::joint_motion::{CoordinateFunction, JointMotion};
 use super::surroundings::{Load, Surroundings};
 use crate::deadline::Deadline;
+use crate::model::Model;
 use crate::model::assembly::CannotAssemble;
 use crate::model::planar::Planar;
 use crate::model::spatial::Spatial;
-use crate::model::{Mechanics, Model};
 use crate::numerics::cubic::{CubicSpline, Ends};
 
 /// How a study resamples and modifies a motion before tracking.
@@ -72,7 +72,7 @@ pub enum MeasurementError {
 /// found (rad or m), and whether it is an angle.
 fn changed_coordinate<'p>(planar: &'p Planar, given: &[Option<f64>], q: &[f64]) -> Option<(&'p str, f64, f64, bool)> {
     let (turn, half_turn) = (std::f64::consts::TAU, std::f64::consts::PI);
-    planar.joint_coordinates().zip(given).find_map(|((joint, name), wanted)| {
+    planar.coordinates_of_joints().zip(given).find_map(|((joint, name), wanted)| {
         let (wanted, found, is_angle) = ((*wanted)?, joint.coordinate_value(q).value, joint.kind.is_angular());
         let change = found - wanted;
         let change = if is_angle { (change + half_turn).rem_euclid(turn) - half_turn } else { change };
@@ -139,9 +139,12 @@ impl MotionSettings {
         let count = self.measurement_ratio * (points - 1) + 1;
         let step = table.duration() / (count - 1) as f64;
         let times: Vec<f64> = (0..count).map(|i| i as f64 * step * self.time_scale).collect();
-        let mut coordinates = match &model.mechanics {
-            Mechanics::Planar(planar) => self.assembled(table, planar, step, &times, deadline)?,
-            Mechanics::Spatial(spatial) => {
+        let mut coordinates = match model.spatial() {
+            None => {
+                let planar = model.planar().expect("a model is planar or spatial");
+                self.assembled(table, planar, step, &times, deadline)?
+            }
+            Some(spatial) => {
                 let motion = self.joint_motion(table, spatial);
                 let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(count);
                 for &t in &times {
@@ -173,7 +176,7 @@ impl MotionSettings {
         deadline: Deadline,
     ) -> Result<Vec<Vec<f64>>, MeasurementError> {
         let columns: Vec<(Option<CubicSpline>, (f64, f64))> = planar
-            .joint_coordinates()
+            .coordinates_of_joints()
             .map(|(_, name)| (table.column(name).map(|values| self.spline(table, values)), self.change(name)))
             .collect();
         let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(times.len());
@@ -224,7 +227,7 @@ impl MotionSettings {
 
     /// External forces, and the motion of the bodies with prescribed motion.
     pub fn surroundings(&self, table: &MotionTable, model: &Model) -> Surroundings {
-        let Mechanics::Spatial(spatial) = &model.mechanics else { return Surroundings::constant(model) };
+        let Some(spatial) = model.spatial() else { return Surroundings::constant(model) };
         let over_time = |name: &str, scale: f64| {
             let values = table.force(name)?;
             let spline = |axis: usize| {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::joint_motion::JointMotion;
-use crate::model::{Mechanics, Model};
+use crate::model::Model;
 use crate::numerics::cubic::CubicSpline;
 
 /// External forces and prescribed motion.
@@ -25,15 +25,7 @@ pub enum Load {
 impl Surroundings {
     /// The constant forces of the model, without prescribed motion.
     pub fn constant(model: &Model) -> Self {
-        let loads = match &model.mechanics {
-            Mechanics::Planar(planar) => {
-                planar.forces.iter().map(|f| Load::Constant([f.force[0], f.force[1], f.moment])).collect()
-            }
-            Mechanics::Spatial(spatial) => {
-                let constant = |f: &crate::skeleton::Force| f.force.unwrap_or_default().map(|x| x * f.scale);
-                spatial.skeleton.forces.iter().map(|f| Load::Constant(constant(f))).collect()
-            }
-        };
+        let loads = model.mechanics.constant_loads().into_iter().map(Load::Constant).collect();
         Self { loads, motion: None }
     }
 

@@ -79,7 +79,7 @@ impl MotionTable {
         let columns: Vec<MotionColumn> =
             (text.names.iter()).map(|name| column_of(file, model, text, name)).collect::<Result<_>>()?;
         check_columns(file, model, text, &columns)?;
-        let forces = model.measured_forces();
+        let forces = model.mechanics.measured_forces();
         let coordinates = columns.iter().filter_map(|column| match column {
             MotionColumn::Coordinate(name, _) => Some((name.clone(), Vec::with_capacity(text.rows.len()))),
             _ => None,
@@ -174,7 +174,7 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
     if field == "time" || (!is_storage && field == "time_s") {
         return Ok(MotionColumn::Time);
     }
-    let forces = model.measured_forces();
+    let forces = model.mechanics.measured_forces();
     let of_force = |(k, force): (usize, &&str)| {
         let axis = field.strip_prefix(*force)?;
         Some((k, ["_x_n", "_y_n", "_z_n"].iter().position(|ending| *ending == axis)?))
@@ -188,7 +188,7 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
     };
     // OpenSim 4 writes /jointset/elbow/elbow_flexion/value.
     let short = name.trim_end_matches("/value").rsplit('/').next().unwrap_or(name);
-    let coordinates = model.joint_coordinates();
+    let coordinates = model.mechanics.joint_coordinates();
     let Some(&(coordinate, angular)) = coordinates.iter().find(|(known, _)| *known == short) else {
         if is_storage {
             return Ok(MotionColumn::Ignored); // storage files contain all coordinates of the subject
@@ -227,7 +227,7 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
         let message = format!("several columns hold the time: {}", times.join(" and "));
         return Err(text.error(file, message, "keep the one in seconds"));
     }
-    let coordinates = model.joint_coordinates();
+    let coordinates = model.mechanics.joint_coordinates();
     let mut has_coordinate = false;
     for (coordinate, _) in &coordinates {
         let own = named(&|column| matches!(column, MotionColumn::Coordinate(name, _) if name == coordinate));
@@ -242,7 +242,7 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
         let message = format!("no column is a joint coordinate of the model `{}`", model.name);
         return Err(text.error(file, message, &format!("the model has: {}", known.join(", "))));
     }
-    for (k, force) in model.measured_forces().iter().enumerate() {
+    for (k, force) in model.mechanics.measured_forces().iter().enumerate() {
         let present = named(&|column| matches!(column, MotionColumn::Force(own, _) if *own == k)).len();
         if present != 3 {
             let message = format!("the external force `{force}` has {present} of its three columns");

@@ -41,7 +41,7 @@ impl Solution<'_> {
     fn net_moment(&self, drive: &Drive<'_>, z: &[f64]) -> Option<f64> {
         let q = self.inverse.motion.all.of(z);
         let planar = self.model().planar()?;
-        let index = planar.joint_coordinates().position(|(joint, _)| joint.name == drive.joint.name)?;
+        let index = planar.coordinates_of_joints().position(|(joint, _)| joint.name == drive.joint.name)?;
         let along: DMatrix<f64> = planar.coordinate_directions(q)?;
         let mut moment = 0.0;
         for (m, muscle) in self.model().muscles.iter().enumerate() {

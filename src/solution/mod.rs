@@ -104,7 +104,7 @@ impl Solution<'_> {
 
     /// RMS difference from the measured body coordinates: positions (m) and angles (degrees).
     fn tracking_rms(&self) -> (f64, f64) {
-        let (each, positions) = self.model().per_body();
+        let (each, positions) = self.model().mechanics.per_body();
         let (mut metres, mut degrees) = (0.0, 0.0);
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
             for (i, value) in measured.iter().enumerate() {
@@ -112,11 +112,11 @@ impl Solution<'_> {
                 if i % each < positions {
                     metres += difference * difference;
                 } else {
-                    degrees += (self.model().tracking_weight(i) * difference).to_degrees().powi(2);
+                    degrees += (self.model().mechanics.tracking_weight(i) * difference).to_degrees().powi(2);
                 }
             }
         }
-        let angles = (self.measurement.times.len() * self.model().bodies()) as f64;
+        let angles = (self.measurement.times.len() * self.model().mechanics.bodies_and_joints().0) as f64;
         ((metres / (positions as f64 * angles)).sqrt(), (degrees / angles).sqrt())
     }
 
@@ -125,10 +125,11 @@ impl Solution<'_> {
         let mut worst: f64 = 0.0;
         for (j, &t) in self.problem.scheme.points().iter().enumerate() {
             let z = self.problem.local(j, &self.iterate.x);
-            let mut velocity: Vec<f64> = (0..self.model().coordinates()).map(|i| self.coordinate(t, 1, i)).collect();
+            let mut velocity: Vec<f64> =
+                (0..self.model().mechanics.coordinates()).map(|i| self.coordinate(t, 1, i)).collect();
             let motion = &self.inverse.motion;
             velocity.extend(motion.rates.iter().flat_map(|rates| rates.of(&z).iter().skip(motion.q.count)));
-            self.model().mechanics.constraint_functions(motion.all.of(&z), |_, slots, _, gradient, _| {
+            self.model().mechanics.constraint_functions(motion.all.of(&z), &mut |_, slots, _, gradient, _| {
                 let moving = slots.iter().zip(gradient).filter(|(slot, _)| **slot < velocity.len());
                 let rate: f64 = moving.map(|(&slot, g)| g * velocity[slot]).sum();
                 worst = worst.max(rate.abs());

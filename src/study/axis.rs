@@ -5,9 +5,11 @@ use std::sync::Arc;
 use indexmap::IndexMap;
 
 use super::file::shown;
-use super::size::MAX_JOBS;
 use crate::error::Issue;
 use crate::settings::Value;
+
+/// Largest number of jobs. A study with more is taken to be a mistake.
+pub const MAX_JOBS: usize = 1_000_000;
 
 /// What a sweep sets for one job.
 pub type SweepPoint = Vec<(Arc<str>, Value)>;

@@ -15,13 +15,12 @@ use std::sync::Arc;
 use crate::deadline::Deadline;
 use crate::entries::named;
 use crate::error::{Error, Issue, Mistakes, Result, SourceFile};
+use crate::model::Model;
 use crate::model::file::ModelFile;
-use crate::model::{Mechanics, Model};
 use crate::motion::{MeasurementError, MotionSettings, MotionTable};
 use crate::names;
 use crate::opensim;
 use crate::settings::{InvalidValue, RegularityMode, Settings, Value};
-use crate::skeleton::Role;
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::SkeletonFile;
 use change::{ModelChange, changed_model};
@@ -283,17 +282,8 @@ fn error_of(file: &SourceFile, issue: &Issue) -> Error {
 /// of them, unless it has loops, where some follow from others. In a spatial model they are those of bodies that move
 /// by forces, except locked and dependent coordinates; all others stay at their defaults.
 fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Result<()> {
-    let needed: Vec<&str> = match &model.mechanics {
-        Mechanics::Planar(planar) if planar.joints.len() > planar.bodies.len() => return Ok(()),
-        Mechanics::Planar(planar) => planar.joint_coordinates().map(|(_, name)| name).collect(),
-        Mechanics::Spatial(spatial) => {
-            let skeleton = &spatial.skeleton;
-            let free = skeleton.joints.iter().filter(|joint| skeleton.bodies[joint.child].role == Role::Free);
-            let coordinates = free.flat_map(|joint| joint.motion.coordinates()).map(|c| &skeleton.coordinates[c]);
-            coordinates.filter(|c| !c.locked && c.follows.is_none()).map(|c| c.name.as_str()).collect()
-        }
-    };
-    let missing: Vec<&str> = needed.into_iter().filter(|name| motion.column(name).is_none()).collect();
+    let missing: Vec<&str> =
+        model.mechanics.needed_coordinates().into_iter().filter(|name| motion.column(name).is_none()).collect();
     if missing.is_empty() {
         return Ok(());
     }

@@ -119,7 +119,7 @@ impl<'m> Plan<'m> {
             axes: IndexMap::new(),
             paths: HashMap::new(),
             coordinates,
-            unmoved: model.unmoved_coordinates(),
+            unmoved: model.mechanics.unmoved_coordinates(),
             confirmed: &file.confirm,
             model_table,
         };

@@ -1,11 +1,9 @@
 //! Counts the jobs of a study before any is made: a few lines can ask for more jobs than any memory holds.
 
-use super::axis::issue;
+use super::axis::{MAX_JOBS, issue};
 use super::file::Sweep;
 use crate::error::Issue;
 
-/// Largest number of jobs. A study with more is taken to be a mistake.
-pub const MAX_JOBS: usize = 1_000_000;
 /// Largest number of values of all jobs together, one per job and axis.
 const MAX_VALUES: usize = 4_000_000;
 

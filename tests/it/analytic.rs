@@ -46,7 +46,7 @@ fn problem(model: &Model) -> InverseProblem<'_> {
 /// The smallest residual of eq. (1) over all reactions, in units of the weight.
 fn residual_of_motion(inverse: &InverseProblem<'_>, z: &[f64]) -> f64 {
     let model = inverse.model;
-    let (nq, nc) = (model.coordinates(), model.constraints());
+    let (nq, nc) = (model.mechanics.coordinates(), model.mechanics.constraints());
     let motion = |z: &[f64]| {
         let mut out = vec![0.0; inverse.control.rows()];
         inverse.control.values(z, &mut out);

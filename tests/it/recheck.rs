@@ -205,7 +205,7 @@ fn activation_and_fibre_length_integrated_forward_show_the_gap_between_the_point
 
 /// q̈ of the arm under given muscle forces (N); Lagrange multipliers with Baumgarte stabilisation hold the joints.
 fn acceleration(model: &Model, q: &[f64], rate: &[f64], forces: &[f64]) -> Vec<f64> {
-    let (nq, nc) = (model.coordinates(), model.constraints());
+    let (nq, nc) = (model.mechanics.coordinates(), model.mechanics.constraints());
     let planar = model.planar().unwrap();
     let mut matrix = DMatrix::zeros(nq + nc, nq + nc);
     let mut right = DVector::zeros(nq + nc);

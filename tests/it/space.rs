@@ -75,7 +75,7 @@ fn angular_velocity(p: &[f64], rate: &[f64]) -> Vector3<f64> {
 /// Energy (J), and the angular momentum about the vertical through the joint to the ground (N m s).
 fn conserved(model: &Model, state: &[f64], pivot: [f64; 3]) -> (f64, f64) {
     let spatial = model.spatial().unwrap();
-    let nq = model.coordinates();
+    let nq = model.mechanics.coordinates();
     let (mut energy, mut momentum) = (0.0, 0.0);
     for (b, body) in spatial.bodies.iter().enumerate() {
         let part = |at: usize| &state[at + PER_BODY * b..at + PER_BODY * (b + 1)];
@@ -346,7 +346,7 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
         };
         for (t, q) in measurement.times.iter().zip(&measurement.coordinates) {
             let all = coordinates(*t, q);
-            model.mechanics.constraint_functions(&all, |row, _, value: f64, _, _| {
+            model.mechanics.constraint_functions(&all, &mut |row, _, value, _, _| {
                 assert!(value.abs() < 1e-6, "{girdle}: constraint {row} is {value} at {t} s");
             });
         }

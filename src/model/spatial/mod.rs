@@ -15,17 +15,22 @@ pub mod joint;
 mod obstacles;
 pub mod path;
 
+use std::any::Any;
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3, Vector4};
+use num_dual::Dual64;
 
-use super::mechanics::{Level, Motion, through};
+use super::mechanics::{EachConstraint, Level, Mechanics, Motion, named, numbered, through};
 use crate::numerics::Scalar;
-use crate::skeleton::frame::{Frame, Vector, dot, minus};
+use crate::skeleton::frame::{Frame, Vector, dot, minus, norm};
 use crate::skeleton::{self, Role, Skeleton};
 use euler::Turning;
 use joint::{Joint, PER_BODY, Part, Place};
 use path::{Elevation, Obstacle, PathPoint, SpatialPath};
+
+/// Names of the coordinates of a body: position and Euler parameters.
+const AXES: [&str; PER_BODY] = ["x", "y", "z", "e0", "e1", "e2", "e3"];
 
 #[derive(Clone, Debug)]
 pub struct Spatial {
@@ -160,36 +165,7 @@ impl Spatial {
         Self { gravity: skeleton.gravity, bodies, given, joints, forces, places, skeleton }
     }
 
-    pub fn coordinates(&self) -> usize {
-        PER_BODY * self.bodies.len()
-    }
-
-    pub fn constraints(&self) -> usize {
-        self.joints.iter().map(Joint::constraints).sum()
-    }
-
-    /// See [`super::Mechanics::bones`].
-    pub fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
-        let position = |(body, point): (usize, Vector)| {
-            let q = &q[PER_BODY * body..PER_BODY * (body + 1)];
-            let turned = euler::rotate(&q[3..], point);
-            (0..3).map(|axis| q[axis] + turned[axis]).collect::<Vec<f64>>()
-        };
-        let joints = || self.joints.iter().filter(|joint| !joint.is_normal());
-        let bone = |b: usize| {
-            let on_it = |place: &Place| (place.body == Some(b)).then_some((b, place.point));
-            let held_by = joints().filter_map(|joint| on_it(&joint.child));
-            let forces = self.forces.iter().filter(|f| f.body == b).map(|f| (b, f.point));
-            let holds = joints().filter_map(|joint| on_it(&joint.parent)).chain(forces);
-            through(held_by.map(position), position((b, [0.0; 3])), holds.map(position))
-        };
-        let names = self.bodies.iter().map(|body| &body.name);
-        let names = names.chain(self.given.iter().map(|&b| &self.skeleton.bodies[b].name));
-        names.enumerate().map(|(b, name)| (name.as_str(), bone(b))).collect()
-    }
-
-    /// See [`super::Mechanics::constraint_functions`].
-    pub fn constraint_functions<T: Scalar>(&self, q: &[T], mut each: impl FnMut(usize, &[usize], T, &[T], &[T])) {
+    fn functions<T: Scalar>(&self, q: &[T], each: EachConstraint<'_, T>) {
         let mut row = 0;
         for joint in &self.joints {
             let slots = joint.slots();
@@ -207,71 +183,6 @@ impl Spatial {
             p: part(motion.q),
             rate: part(motion.velocity),
             acceleration: part(motion.acceleration),
-        }
-    }
-
-    /// See [`super::Mechanics::force`].
-    pub fn force(&self, motion: Motion<'_>, loads: &[Vector], out: &mut [f64]) {
-        for (b, body) in self.bodies.iter().enumerate() {
-            let at = PER_BODY * b;
-            for axis in 0..3 {
-                out[at + axis] = body.mass * (motion.acceleration[at + axis] - self.gravity[axis]);
-            }
-            out[at + 3..at + PER_BODY].copy_from_slice(self.turning(b, motion).force().as_slice());
-        }
-        for (force, load) in self.forces.iter().zip(loads).filter(|(force, _)| force.body < self.bodies.len()) {
-            let at = PER_BODY * force.body;
-            let columns = euler::slopes(&motion.q[at + 3..at + PER_BODY], force.point);
-            (0..3).for_each(|axis| out[at + axis] -= load[axis]);
-            (0..4).for_each(|k| out[at + 3 + k] -= dot(&columns[k], load));
-        }
-    }
-
-    pub fn slopes(&self, motion: Motion<'_>, loads: &[Vector], mut each: impl FnMut(usize, Level, usize, f64)) {
-        for (b, body) in self.bodies.iter().enumerate() {
-            let at = PER_BODY * b;
-            for axis in 0..3 {
-                each(at + axis, Level::Acceleration, at + axis, body.mass);
-            }
-            let levels = [Level::Coordinate, Level::Velocity, Level::Acceleration];
-            for (slopes, level) in self.turning(b, motion).slopes().iter().zip(levels) {
-                for i in 0..4 {
-                    (0..4).for_each(|j| each(at + 3 + i, level, at + 3 + j, slopes[(i, j)]));
-                }
-            }
-        }
-        for (force, load) in self.forces.iter().zip(loads).filter(|(force, _)| force.body < self.bodies.len()) {
-            let at = PER_BODY * force.body + 3;
-            for i in 0..4 {
-                for j in 0..4 {
-                    each(at + i, Level::Coordinate, at + j, -dot(&euler::bend(i, j, force.point), load));
-                }
-            }
-        }
-    }
-
-    pub fn bends(
-        &self,
-        motion: Motion<'_>,
-        _loads: &[Vector],
-        lambda: &[f64],
-        mut each: impl FnMut((Level, usize), (Level, usize), f64),
-    ) {
-        use Level::{Acceleration, Coordinate, Velocity};
-        for b in 0..self.bodies.len() {
-            let at = PER_BODY * b + 3;
-            let hessian = self.turning(b, motion).hessian(&Vector4::from_column_slice(&lambda[at..at + 4]));
-            for i in 0..4 {
-                for j in 0..4 {
-                    let (row, column) = (at + i, at + j);
-                    each((Coordinate, row), (Coordinate, column), hessian.pp[(i, j)]);
-                    each((Velocity, row), (Velocity, column), hessian.rate_rate[(i, j)]);
-                    for (level, block) in [(Velocity, &hessian.rate_p), (Acceleration, &hessian.acceleration_p)] {
-                        each((level, row), (Coordinate, column), block[(i, j)]);
-                        each((Coordinate, column), (level, row), block[(i, j)]);
-                    }
-                }
-            }
         }
     }
 
@@ -293,7 +204,7 @@ impl Spatial {
 
     /// Values (rad, m) of the coordinates of joints that move by forces, where the bodies have the coordinates `q` (all of them): of each
     /// joint those whose frame is nearest to that of its bodies, from `near` on (values of all coordinates).
-    pub fn joint_coordinates(&self, q: &[f64], near: &[f64]) -> Vec<(usize, f64)> {
+    fn values_of_joints(&self, q: &[f64], near: &[f64]) -> Vec<(usize, f64)> {
         let skeleton = &self.skeleton;
         let frame = |body: usize| {
             let (index, inner) = self.places[body];
@@ -387,6 +298,191 @@ impl Spatial {
             child: Some(self.places[joint.child].0),
             axes: [turn(joint.parent, &joint.in_parent, &a1), turn(Some(joint.child), &joint.in_child, &a3)],
             cosine: [c.hypot(s), s.atan2(c)],
+        }
+    }
+}
+
+impl Mechanics for Spatial {
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+
+    fn body_coordinate_names(&self) -> Vec<String> {
+        self.bodies.iter().flat_map(|body| named(&body.name, &AXES)).collect()
+    }
+
+    fn coordinates(&self) -> usize {
+        PER_BODY * self.bodies.len()
+    }
+
+    fn given_coordinate_names(&self) -> Vec<String> {
+        self.given.iter().flat_map(|&body| named(&self.skeleton.bodies[body].name, &AXES)).collect()
+    }
+
+    fn constraints(&self) -> usize {
+        self.joints.iter().map(Joint::constraints).sum()
+    }
+
+    fn reaction_names(&self) -> Vec<Option<String>> {
+        let names = |joint: &Joint| {
+            let is_real = !joint.is_normal();
+            numbered(&joint.name, joint.constraints()).map(|name| is_real.then_some(name)).collect::<Vec<_>>()
+        };
+        self.joints.iter().flat_map(names).collect()
+    }
+
+    fn load_names(&self) -> Vec<String> {
+        self.skeleton.forces.iter().flat_map(|force| numbered(&force.name, 3)).collect()
+    }
+
+    fn constant_loads(&self) -> Vec<[f64; 3]> {
+        self.skeleton.forces.iter().map(|f| f.force.unwrap_or_default().map(|x| x * f.scale)).collect()
+    }
+
+    fn joint_coordinates(&self) -> Vec<(&str, bool)> {
+        self.skeleton.coordinates.iter().map(|c| (c.name.as_str(), c.is_angle)).collect()
+    }
+
+    fn turns(&self) -> Vec<&str> {
+        self.skeleton.turns.iter().map(|turn| turn.name.as_str()).collect()
+    }
+
+    fn unmoved_coordinates(&self) -> Vec<(String, &'static str)> {
+        let why = |coordinate: &skeleton::Coordinate| match (coordinate.locked, &coordinate.follows) {
+            (true, _) => Some("is locked in the model"),
+            (_, Some(_)) => Some("follows another coordinate of the model"),
+            _ => None,
+        };
+        let coordinates = self.skeleton.coordinates.iter();
+        coordinates.filter_map(|coordinate| Some((coordinate.name.clone(), why(coordinate)?))).collect()
+    }
+
+    /// Those of bodies that move by forces, except locked and dependent coordinates; all others stay at their defaults.
+    fn needed_coordinates(&self) -> Vec<&str> {
+        let skeleton = &self.skeleton;
+        let free = skeleton.joints.iter().filter(|joint| skeleton.bodies[joint.child].role == Role::Free);
+        let coordinates = free.flat_map(|joint| joint.motion.coordinates()).map(|c| &skeleton.coordinates[c]);
+        coordinates.filter(|c| !c.locked && c.follows.is_none()).map(|c| c.name.as_str()).collect()
+    }
+
+    fn measured_forces(&self) -> Vec<&str> {
+        self.skeleton.forces.iter().filter(|f| f.force.is_none()).map(|f| f.name.as_str()).collect()
+    }
+
+    fn joint_coordinate_values(&self, q: &[f64], near: &mut Vec<f64>) -> Vec<(&str, f64)> {
+        if near.is_empty() {
+            *near = self.skeleton.default_pose();
+        }
+        let found = self.values_of_joints(q, near);
+        found.iter().for_each(|&(c, value)| near[c] = value);
+        let named = found.iter().map(|&(c, value)| (self.skeleton.coordinates[c].name.as_str(), value));
+        named.chain(self.turns_reached(q)).collect()
+    }
+
+    fn mass_and_gravity(&self) -> (f64, f64) {
+        (self.bodies.iter().map(|body| body.mass).sum(), norm(&self.gravity))
+    }
+
+    fn bodies_and_joints(&self) -> (usize, usize) {
+        (self.bodies.len(), self.joints.iter().filter(|joint| !joint.is_normal()).count())
+    }
+
+    fn tracking_weight(&self, coordinate: usize) -> f64 {
+        if coordinate % PER_BODY >= 3 { 2.0 } else { 1.0 }
+    }
+
+    fn per_body(&self) -> (usize, usize) {
+        (PER_BODY, 3)
+    }
+
+    fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>) {
+        self.functions(q, each);
+    }
+
+    fn constraint_functions_along(&self, q: &[Dual64], each: EachConstraint<'_, Dual64>) {
+        self.functions(q, each);
+    }
+
+    fn bones(&self, q: &[f64]) -> Vec<(&str, Vec<Vec<f64>>)> {
+        let position = |(body, point): (usize, Vector)| {
+            let q = &q[PER_BODY * body..PER_BODY * (body + 1)];
+            let turned = euler::rotate(&q[3..], point);
+            (0..3).map(|axis| q[axis] + turned[axis]).collect::<Vec<f64>>()
+        };
+        let joints = || self.joints.iter().filter(|joint| !joint.is_normal());
+        let bone = |b: usize| {
+            let on_it = |place: &Place| (place.body == Some(b)).then_some((b, place.point));
+            let held_by = joints().filter_map(|joint| on_it(&joint.child));
+            let forces = self.forces.iter().filter(|f| f.body == b).map(|f| (b, f.point));
+            let holds = joints().filter_map(|joint| on_it(&joint.parent)).chain(forces);
+            through(held_by.map(position), position((b, [0.0; 3])), holds.map(position))
+        };
+        let names = self.bodies.iter().map(|body| &body.name);
+        let names = names.chain(self.given.iter().map(|&b| &self.skeleton.bodies[b].name));
+        names.enumerate().map(|(b, name)| (name.as_str(), bone(b))).collect()
+    }
+
+    fn force(&self, motion: Motion<'_>, loads: &[Vector], out: &mut [f64]) {
+        for (b, body) in self.bodies.iter().enumerate() {
+            let at = PER_BODY * b;
+            for axis in 0..3 {
+                out[at + axis] = body.mass * (motion.acceleration[at + axis] - self.gravity[axis]);
+            }
+            out[at + 3..at + PER_BODY].copy_from_slice(self.turning(b, motion).force().as_slice());
+        }
+        for (force, load) in self.forces.iter().zip(loads).filter(|(force, _)| force.body < self.bodies.len()) {
+            let at = PER_BODY * force.body;
+            let columns = euler::slopes(&motion.q[at + 3..at + PER_BODY], force.point);
+            (0..3).for_each(|axis| out[at + axis] -= load[axis]);
+            (0..4).for_each(|k| out[at + 3 + k] -= dot(&columns[k], load));
+        }
+    }
+
+    fn slopes(&self, motion: Motion<'_>, loads: &[Vector], each: &mut dyn FnMut(usize, Level, usize, f64)) {
+        for (b, body) in self.bodies.iter().enumerate() {
+            let at = PER_BODY * b;
+            for axis in 0..3 {
+                each(at + axis, Level::Acceleration, at + axis, body.mass);
+            }
+            let levels = [Level::Coordinate, Level::Velocity, Level::Acceleration];
+            for (slopes, level) in self.turning(b, motion).slopes().iter().zip(levels) {
+                for i in 0..4 {
+                    (0..4).for_each(|j| each(at + 3 + i, level, at + 3 + j, slopes[(i, j)]));
+                }
+            }
+        }
+        for (force, load) in self.forces.iter().zip(loads).filter(|(force, _)| force.body < self.bodies.len()) {
+            let at = PER_BODY * force.body + 3;
+            for i in 0..4 {
+                for j in 0..4 {
+                    each(at + i, Level::Coordinate, at + j, -dot(&euler::bend(i, j, force.point), load));
+                }
+            }
+        }
+    }
+
+    fn bends(
+        &self,
+        motion: Motion<'_>,
+        _loads: &[Vector],
+        lambda: &[f64],
+        each: &mut dyn FnMut((Level, usize), (Level, usize), f64),
+    ) {
+        use Level::{Acceleration, Coordinate, Velocity};
+        for b in 0..self.bodies.len() {
+            let at = PER_BODY * b + 3;
+            let hessian = self.turning(b, motion).hessian(&Vector4::from_column_slice(&lambda[at..at + 4]));
+            for i in 0..4 {
+                for j in 0..4 {
+                    let (row, column) = (at + i, at + j);
+                    each((Coordinate, row), (Coordinate, column), hessian.pp[(i, j)]);
+                    each((Velocity, row), (Velocity, column), hessian.rate_rate[(i, j)]);
+                    for (level, block) in [(Velocity, &hessian.rate_p), (Acceleration, &hessian.acceleration_p)] {
+                        each((level, row), (Coordinate, column), block[(i, j)]);
+                        each((Coordinate, column), (level, row), block[(i, j)]);
+                    }
+                }
+            }
         }
     }
 }

@@ -19,7 +19,7 @@ use crate::problem::block::{Block, Order, Sink};
 use crate::problem::quantity::Span;
 
 pub struct EquationOfMotion<'m> {
-    pub mechanics: &'m Mechanics,
+    pub mechanics: &'m dyn Mechanics,
     /// W, N
     pub weight: f64,
     /// q of all bodies, those of given motion last.
@@ -56,12 +56,12 @@ impl Block for EquationOfMotion<'_> {
             self.mechanics.force(motion, loads, &mut force);
             force.iter().enumerate().for_each(|(i, force)| out.value(self.rows.at(i), force / self.weight));
         } else if out.wants(Order::Slopes) {
-            self.mechanics.slopes(motion, loads, |row, level, i, value| {
+            self.mechanics.slopes(motion, loads, &mut |row, level, i, value| {
                 out.slope(self.rows.at(row), self.place((level, i)), value / self.weight);
             });
         } else {
             let lambda: Vec<f64> = self.rows.range().map(|row| out.multiplier(row)).collect();
-            self.mechanics.bends(motion, loads, &lambda, |one, other, value| {
+            self.mechanics.bends(motion, loads, &lambda, &mut |one, other, value| {
                 let (one, other) = (self.place(one), self.place(other));
                 if one <= other {
                     out.bend(one, other, value / self.weight);

@@ -19,7 +19,7 @@ use crate::problem::block::{Block, Order, Sink};
 use crate::problem::quantity::Span;
 
 pub struct Joints<'m> {
-    pub mechanics: &'m Mechanics,
+    pub mechanics: &'m dyn Mechanics,
     /// q of all bodies, those of given motion last.
     pub coordinates: Span,
     pub reactions: Span,
@@ -33,7 +33,7 @@ impl Block for Joints<'_> {
         let (q, nq) = (self.coordinates.of(z), self.motion.count);
         if out.wants(Order::Bends) {
             let lambda: Vec<f64> = self.motion.range().map(|row| out.multiplier(row)).collect();
-            self.mechanics.constraint_functions(&along(q, &lambda), |row, slots, _, gradient, hessian| {
+            self.mechanics.constraint_functions_along(&along(q, &lambda), &mut |row, slots, _, gradient, hessian| {
                 let (reaction, weight) = (z[self.reactions.at(row)], out.multiplier(self.rows.at(row)));
                 for (i, &one) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
                     out.bend(self.coordinates.at(one), self.reactions.at(row), gradient[i].eps);
@@ -46,7 +46,7 @@ impl Block for Joints<'_> {
             });
             return;
         }
-        self.mechanics.constraint_functions(q, |row, slots, value, gradient, hessian| {
+        self.mechanics.constraint_functions(q, &mut |row, slots, value, gradient, hessian| {
             let reaction = z[self.reactions.at(row)];
             out.value(self.rows.at(row), value);
             for (i, &one) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {

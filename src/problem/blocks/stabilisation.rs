@@ -20,7 +20,7 @@ use crate::problem::block::{Block, Order, Sink};
 use crate::problem::quantity::Span;
 
 pub struct Stabilisation<'m> {
-    pub mechanics: &'m Mechanics,
+    pub mechanics: &'m dyn Mechanics,
     /// q of all bodies, those of given motion last.
     pub coordinates: Span,
     /// q̇ of the bodies that move by forces.
@@ -46,7 +46,7 @@ impl Block for Stabilisation<'_> {
             out.slope(self.kinematic_rows.at(i), self.velocities.at(i), -1.0);
         }
         let velocities = self.velocities.of(z);
-        self.mechanics.constraint_functions(self.coordinates.of(z), |row, slots, _, gradient, hessian| {
+        self.mechanics.constraint_functions(self.coordinates.of(z), &mut |row, slots, _, gradient, hessian| {
             let eta = z[self.multipliers.at(row)];
             for (i, &one) in slots.iter().enumerate().filter(|(_, slot)| **slot < velocities.len()) {
                 let is_free = one < nq;
@@ -75,7 +75,7 @@ impl Stabilisation<'_> {
     fn bend(&self, z: &[f64], out: &mut Sink<'_>) {
         let (q, nq) = (self.coordinates.of(z), self.rates.count);
         let kappa: Vec<f64> = self.kinematic_rows.range().map(|row| out.multiplier(row)).collect();
-        self.mechanics.constraint_functions(&along(q, &kappa), |row, slots, _, gradient, hessian| {
+        self.mechanics.constraint_functions_along(&along(q, &kappa), &mut |row, slots, _, gradient, hessian| {
             let eta = z[self.multipliers.at(row)];
             for (i, &one) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
                 out.bend(self.coordinates.at(one), self.multipliers.at(row), -gradient[i].eps);
@@ -86,7 +86,7 @@ impl Stabilisation<'_> {
             }
         });
         let moving = along(q, self.velocities.of(z));
-        self.mechanics.constraint_functions(&moving, |row, slots, _, _, hessian| {
+        self.mechanics.constraint_functions_along(&moving, &mut |row, slots, _, _, hessian| {
             let gamma = out.multiplier(self.velocity_rows.at(row));
             for (i, &one) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
                 for (j, &other) in slots.iter().enumerate().filter(|(_, slot)| **slot < nq) {
