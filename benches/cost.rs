@@ -8,15 +8,15 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant as Clock;
 
-use sinew::deadline::Deadline;
-use sinew::nlp::iterate::Iterate;
-use sinew::nlp::kkt::{Kkt, KktValues, Rows};
-use sinew::nlp::problem::{Curvature, Problem};
-use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
-use sinew::prepare::{Prepared, Task};
-use sinew::settings::Scheme;
-use sinew::starts::disturb;
-use sinew::study::{Job, Study};
+use sinew::internals::deadline::Deadline;
+use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::internals::nlp::problem::{Curvature, Problem};
+use sinew::internals::nlp::sqp::{self, SqpSettings, SqpStatus};
+use sinew::internals::prepare::{Prepared, Task};
+use sinew::internals::settings::Scheme;
+use sinew::internals::starts::disturb;
+use sinew::internals::study::{Job, Study};
 
 /// Cost of one solve.
 struct Cost {

@@ -7,10 +7,10 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use sinew::outcome::{Outcome, Status};
-use sinew::run::{RunOptions, run_with};
-use sinew::solve::solve;
-use sinew::study::Study;
+use sinew::internals::outcome::{Outcome, Status};
+use sinew::internals::run::{RunOptions, run_with};
+use sinew::internals::solve::solve;
+use sinew::internals::study::Study;
 
 const STUDY: &str = r#"
 name = "big"

@@ -8,20 +8,20 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use divan::{Bencher, black_box};
-use sinew::deadline::Deadline;
-use sinew::nlp::active_set;
-use sinew::nlp::iterate::Iterate;
-use sinew::nlp::kkt::{Kkt, KktValues, Rows};
-use sinew::nlp::problem::{Curvature, Problem};
-use sinew::nlp::regularity::RankCounter;
-use sinew::nlp::sqp::{self, SqpSettings};
-use sinew::numerics::sparse::Sparse;
-use sinew::prepare::{Prepared, Task};
-use sinew::run::{RunOptions, run};
-use sinew::settings::RegularityMode;
-use sinew::solve::solve;
-use sinew::study::Study;
-use sinew::transcription::collocation::Collocation;
+use sinew::internals::deadline::Deadline;
+use sinew::internals::nlp::active_set;
+use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::internals::nlp::problem::{Curvature, Problem};
+use sinew::internals::nlp::regularity::RankCounter;
+use sinew::internals::nlp::sqp::{self, SqpSettings};
+use sinew::internals::numerics::sparse::Sparse;
+use sinew::internals::prepare::{Prepared, Task};
+use sinew::internals::run::{RunOptions, run};
+use sinew::internals::settings::RegularityMode;
+use sinew::internals::solve::solve;
+use sinew::internals::study::Study;
+use sinew::internals::transcription::collocation::Collocation;
 
 const POINTS: [usize; 6] = [6, 11, 51, 101, 501, 1001];
 /// Values of δ used in turn: parts of the matrix that have not changed would not be factorised again.
@@ -116,7 +116,7 @@ fn qp(bencher: Bencher, points: usize) {
         let here = sqp::solve(problem, guess, SqpSettings::default()).iterate;
         let [hessian, metric] = curvatures(problem, &here);
         let mut kkt = Kkt::new(problem);
-        let active = sinew::nlp::polish::active(&here.inequalities);
+        let active = sinew::internals::nlp::polish::active(&here.inequalities);
         let here = (&here, here.kkt_error().largest());
         let mut damping = IN_TURN[0];
         bencher.bench_local(|| {

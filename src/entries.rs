@@ -86,7 +86,7 @@ impl ActuatorEntry {
         let key = |key| ["actuator", self.name.as_str(), key];
         positive(&key("optimal_force"), self.optimal_force, "N m or N")?;
         let control = [self.min_control.unwrap_or(f64::NEG_INFINITY), self.max_control.unwrap_or(f64::INFINITY)];
-        if !(control[0] < control[1]) {
+        if control[0].is_nan() || control[1].is_nan() || control[0] >= control[1] {
             let found = format!("found controls from {} to {}", control[0], control[1]);
             return Err(Issue::new(&key("min_control"), found, "the lower bound must be below the upper one"));
         }

@@ -3,8 +3,6 @@
 pub mod dynamic;
 pub mod prediction;
 
-pub use dynamic::dynamic;
-
 use crate::model::{Joint, Model};
 use crate::nlp::polish::ACTIVE;
 use crate::problem::blocks::contraction::Contraction;

@@ -169,7 +169,7 @@ mod tests {
         for joint in &model.joints {
             joint.constraints(&q, |f| assert!(f.value.abs() < 1e-10));
         }
-        let (main, _) = model.mechanics.joint_coordinates().next().unwrap();
+        let (main, _) = model.coordinates_of_joints().next().unwrap();
         assert!((main.coordinate_value(&q).value - 0.4).abs() < 1e-9);
 
         let text = text.replace("parent_point = [0.5, 0.0]", "parent_point = [0.01, 0.0]");

@@ -14,7 +14,7 @@ pub mod planar;
 pub mod spatial;
 pub mod straight;
 
-pub use body::{Body, ExternalForce, Place};
+pub use body::Place;
 pub use joint::{Joint, JointKind};
 pub use mechanics::Mechanics;
 pub use musculotendon::Musculotendon;

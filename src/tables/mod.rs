@@ -8,7 +8,6 @@ mod parquet;
 pub mod schema;
 
 pub use axes::unit as axis_unit;
-pub use column::ColumnInfo;
 pub use parquet::{STUDY, Writer, is_of_study, read};
 
 /// The values of a column; `None` if missing.

@@ -1,12 +1,12 @@
 //! Comparisons with closed-form solutions: pendulum, holding torque, activation step.
 
 use nalgebra::{DMatrix, DVector};
-use sinew::methods::{InverseProblem, dynamic};
-use sinew::model::Model;
-use sinew::model::file::ModelFile;
-use sinew::motion::Surroundings;
-use sinew::numerics::bspline::SplineSpace;
-use sinew::transcription::midpoint::mesh;
+use sinew::internals::methods::{InverseProblem, dynamic};
+use sinew::internals::model::Model;
+use sinew::internals::model::file::ModelFile;
+use sinew::internals::motion::Surroundings;
+use sinew::internals::numerics::bspline::SplineSpace;
+use sinew::internals::transcription::midpoint::mesh;
 
 use super::support::settings;
 
@@ -158,7 +158,7 @@ fn the_scheme_is_of_second_order_on_activation() {
         for t in points {
             let (value, rate) = (space.basis(t, 0), space.basis(t, 1));
             // rate·c = (u − value·c)/τ for the last coefficient of this span.
-            let known = |b: &sinew::numerics::bspline::Basis| b.values[0] * c[b.first];
+            let known = |b: &sinew::internals::numerics::bspline::Basis| b.values[0] * c[b.first];
             let right = u(t) / tau - known(&rate) - known(&value) / tau;
             c[value.first + 1] = right / (rate.values[1] + value.values[1] / tau);
         }

@@ -1,7 +1,7 @@
 //! Invalid input files: each causes a message with place and remedy, exit code 2, and no panic.
 
-use sinew::error::SourceFile;
-use sinew::motion::MotionTable;
+use sinew::internals::error::SourceFile;
+use sinew::internals::motion::MotionTable;
 
 use super::cli::{one_line, sinew, text};
 use super::support::{SMALL, folder, root};
@@ -427,7 +427,8 @@ fn the_clock_of_the_file_is_kept() {
     assert!(check.contains("1.234") && check.contains("elbow_angle") && check.contains("80.0°/s"), "{check}");
     let run = sinew(&["run", "study.toml", "--out", "out"], folder.path());
     assert!(run.status.success(), "{}", text(&run.stderr));
-    let trajectories = sinew::tables::read("trajectories", &folder.path().join("out/trajectories.parquet")).unwrap();
+    let trajectories =
+        sinew::internals::tables::read("trajectories", &folder.path().join("out/trajectories.parquet")).unwrap();
     assert_eq!(trajectories.number("time_s", 0), Some(1.234));
 }
 

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::process::Command;
 
-use sinew::study::Study;
-use sinew::tables::{read, schema};
+use sinew::internals::study::Study;
+use sinew::internals::tables::{read, schema};
 
 use super::cli::{sinew, text};
 use super::support::{SMALL, folder, root, shared};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use sinew::tables::{Table, Values, Writer, read, schema};
+use sinew::internals::tables::{Table, Values, Writer, read, schema};
 
 use super::cli::{sinew, text};
 use super::support::{SMALL, folder};
@@ -19,7 +19,7 @@ fn alter(folder: &Path, name: &'static str, change: impl FnOnce(&mut Table)) {
     let path = folder.join(format!("{name}.parquet"));
     let mut table = read(name, &path).unwrap();
     change(&mut table);
-    let mut writer = Writer::new(&path, vec![(sinew::tables::STUDY.to_owned(), "small".to_owned())]);
+    let mut writer = Writer::new(&path, vec![(sinew::internals::tables::STUDY.to_owned(), "small".to_owned())]);
     writer.append(&table).unwrap();
     writer.finish().unwrap();
 }
@@ -194,7 +194,7 @@ fn other_columns_have_no_hidden_difference() {
     let at = folder.path();
     assert_eq!(sinew(&["run", "study.toml"], at).status.code(), Some(0));
     assert_eq!(sinew(&["compare", "results/small", "base", "--accept"], at).status.code(), Some(0));
-    let tolerances = sinew::compare::Tolerances::read(&at.join("base"), &[]).unwrap();
+    let tolerances = sinew::internals::compare::Tolerances::read(&at.join("base"), &[]).unwrap();
     for name in ["jobs", "regularity", "muscles"] {
         let path = at.join(format!("base/{name}.parquet"));
         let kept = std::fs::read(&path).unwrap();
@@ -206,7 +206,8 @@ fn other_columns_have_no_hidden_difference() {
                 Values::Flag(v) => v[1] = v[1].map(|x| !x).or(Some(true)),
                 Values::Text(v) => v[1] = Some("other".to_owned()),
             });
-            let found = sinew::compare::compare(&at.join("results/small"), &at.join("base"), &tolerances).unwrap();
+            let found =
+                sinew::internals::compare::compare(&at.join("results/small"), &at.join("base"), &tolerances).unwrap();
             let ignored =
                 schema::TIMINGS.contains(&altered.as_str()) || ["index", "error", "remark"].contains(&altered.as_str());
             assert_eq!(found.drifted(), !ignored, "{name}.{altered}");

@@ -1,14 +1,14 @@
 //! Derivatives of the transcribed problem against finite differences, at random points near the start guess.
 
 use rand::{RngExt, SeedableRng};
-use sinew::deadline::Deadline;
-use sinew::methods::dynamic;
-use sinew::model::file::ModelFile;
-use sinew::motion::Surroundings;
-use sinew::nlp::iterate::Iterate;
-use sinew::nlp::problem::{Curvature, Multipliers, Problem};
-use sinew::numerics::sparse::Sparse;
-use sinew::settings::{Bounds, Scheme};
+use sinew::internals::deadline::Deadline;
+use sinew::internals::methods::dynamic;
+use sinew::internals::model::file::ModelFile;
+use sinew::internals::motion::Surroundings;
+use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::problem::{Curvature, Multipliers, Problem};
+use sinew::internals::numerics::sparse::Sparse;
+use sinew::internals::settings::{Bounds, Scheme};
 
 use super::support::{check_derivatives, model, motion, prepare, random_instant, settings};
 

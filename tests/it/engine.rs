@@ -2,12 +2,12 @@
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use sinew::outcome::{Outcome, Status};
-use sinew::run::{Ended, RunOptions, run, run_with, task};
-use sinew::solve::{solve, solve_from};
-use sinew::study::{Job, Study};
-use sinew::tables::{Table, Values, read, schema};
-use sinew::warm::Answer;
+use sinew::internals::outcome::{Outcome, Status};
+use sinew::internals::run::{Ended, RunOptions, run, run_with, task};
+use sinew::internals::solve::{solve, solve_from};
+use sinew::internals::study::{Job, Study};
+use sinew::internals::tables::{Table, Values, read, schema};
+use sinew::internals::warm::Answer;
 
 use super::support::{SMALL, folder, study};
 

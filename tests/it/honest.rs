@@ -1,14 +1,14 @@
 //! No silent errors: losses are reported, doubtful results have a warning, and jobs that have not converged have no
 //! verdict.
 
-use sinew::error::SourceFile;
-use sinew::opensim::{Imported, Weight, import};
-use sinew::outcome::Status;
-use sinew::plausibility::WARNING_KINDS;
-use sinew::skeleton::file::ObstacleEntry;
-use sinew::solve::solve;
-use sinew::study::load_skeleton;
-use sinew::tables::{Table, read};
+use sinew::internals::error::SourceFile;
+use sinew::internals::opensim::{Imported, Weight, import};
+use sinew::internals::outcome::Status;
+use sinew::internals::plausibility::WARNING_KINDS;
+use sinew::internals::skeleton::file::ObstacleEntry;
+use sinew::internals::solve::solve;
+use sinew::internals::study::load_skeleton;
+use sinew::internals::tables::{Table, read};
 
 use super::cli::{sinew, text};
 use super::support::{folder, root, study};
@@ -161,7 +161,7 @@ fn joints_are_what_they_are_or_an_error_that_names_them() {
         <socket_child_frame>/bodyset/fore</socket_child_frame><coordinates><Coordinate name=\"tilt\"/>\
         <Coordinate name=\"tx\"/><Coordinate name=\"ty\"/></coordinates></PlanarJoint>";
     let found = imported(osim("", "", BODY, planar));
-    assert_eq!(found.file.body[0].role, sinew::skeleton::Role::Given);
+    assert_eq!(found.file.body[0].role, sinew::internals::skeleton::Role::Given);
 }
 
 #[test]
@@ -551,7 +551,7 @@ fn a_planar_loop_refuses_a_motion_that_it_cannot_make() {
     let text = "name = 's'\nmodel = '{root}/data/models/pedal.toml'\nmotion = 'still.csv'\n[base]\nh = 0.1\n\
         regularity = 'off'\nmu = 0.1\n";
     let folder = folder(&[("study.toml", text), ("still.csv", &still)]);
-    let refused = sinew::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
+    let refused = sinew::internals::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
     let said = format!("{:?}", miette::Report::new(refused));
     assert!(said.contains("joints cannot follow") && said.contains("close"), "{said}");
     // The shipped motion closes the loop.

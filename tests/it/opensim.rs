@@ -4,11 +4,11 @@
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
-use sinew::error::SourceFile;
-use sinew::opensim::{Imported, import};
-use sinew::skeleton::Skeleton;
-use sinew::skeleton::file::SkeletonFile;
-use sinew::skeleton::text::text;
+use sinew::internals::error::SourceFile;
+use sinew::internals::opensim::{Imported, import};
+use sinew::internals::skeleton::Skeleton;
+use sinew::internals::skeleton::file::SkeletonFile;
+use sinew::internals::skeleton::text::text;
 
 use super::cli::{sinew, text as text_of};
 use super::support::shared;
@@ -355,8 +355,8 @@ fn arm26_flexes_its_elbow_with_unique_loads() {
     published.sort_by(|a, b| b.1.total_cmp(&a.1));
     for (job, limit) in study.jobs.iter().zip([1.0, 2.0]) {
         assert_eq!(job.points, 25);
-        let outcome = sinew::solve::solve(&study.model, &study.motion, &job.settings, job.points);
-        assert_eq!(outcome.job.status, sinew::outcome::Status::Converged, "{:?}", outcome.job.error);
+        let outcome = sinew::internals::solve::solve(&study.model, &study.motion, &job.settings, job.points);
+        assert_eq!(outcome.job.status, sinew::internals::outcome::Status::Converged, "{:?}", outcome.job.error);
         assert_eq!(outcome.regularity.as_ref().unwrap().loads_unique, Some(true));
         for name in ["r_shoulder_elev", "r_elbow_flex"] {
             let of = |signal: &str| -> Vec<(f64, f64)> {
@@ -396,7 +396,7 @@ fn joint_coordinates_are_found_again() {
 
 #[test]
 fn what_a_study_cannot_have_is_pointed_at_and_what_a_path_lacks_is_named() {
-    let error = sinew::study::load_model(&fixture("kinds_v4.osim")).map(|_| ()).unwrap_err();
+    let error = sinew::internals::study::load_model(&fixture("kinds_v4.osim")).map(|_| ()).unwrap_err();
     let said = format!("{:?}", miette::Report::new(error));
     assert!(said.contains("kinds_v4.osim:") && said.contains("knee_joint") && said.contains("rider_joint"), "{said}");
     let mut source = fixture("arm_v4.osim");

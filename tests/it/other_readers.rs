@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
-use sinew::run::{RunOptions, run};
+use sinew::internals::run::{RunOptions, run};
 
 use super::support::{SMALL, folder, root, study};
 

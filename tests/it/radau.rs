@@ -1,22 +1,22 @@
 //! The Radau scheme: its order on a forward problem, its solutions for the arm, and its predicted deficiencies.
 
 use rand::{RngExt, SeedableRng};
-use sinew::deadline::Deadline;
-use sinew::methods::dynamic;
-use sinew::methods::prediction::{Setting, predict};
-use sinew::model::Model;
-use sinew::motion::{Measurement, Surroundings};
-use sinew::nlp::iterate::Iterate;
-use sinew::nlp::regularity;
-use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
-use sinew::outcome::{Outcome, Status};
-use sinew::problem::Goal;
-use sinew::problem::goals::{Sample, Shape};
-use sinew::settings::{Bounds, Initial, LoadSharingGrid, Scheme, Settings};
-use sinew::solve::solve;
-use sinew::transcription::collocation::Collocation;
-use sinew::transcription::radau::Radau;
-use sinew::transcription::scheme::Discretisation;
+use sinew::internals::deadline::Deadline;
+use sinew::internals::methods::dynamic;
+use sinew::internals::methods::prediction::{Setting, predict};
+use sinew::internals::model::Model;
+use sinew::internals::motion::{Measurement, Surroundings};
+use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::regularity;
+use sinew::internals::nlp::sqp::{self, SqpSettings, SqpStatus};
+use sinew::internals::outcome::{Outcome, Status};
+use sinew::internals::problem::Goal;
+use sinew::internals::problem::goals::{Sample, Shape};
+use sinew::internals::settings::{Bounds, Initial, LoadSharingGrid, Scheme, Settings};
+use sinew::internals::solve::solve;
+use sinew::internals::transcription::collocation::Collocation;
+use sinew::internals::transcription::radau::Radau;
+use sinew::internals::transcription::scheme::Discretisation;
 
 use super::support::{self, measured, model, motion, prepare};
 

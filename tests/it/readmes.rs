@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::cli::{sinew, text};
 use super::support::root;
-use sinew::reference::{self, FileKind};
-use sinew::tables::schema;
+use sinew::internals::reference::{self, FileKind};
+use sinew::internals::tables::schema;
 
 const READMES: [&str; 6] =
     ["README.md", "studies/README.md", "data/README.md", "results/README.md", "src/README.md", "tests/README.md"];

@@ -2,16 +2,16 @@
 
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
-use sinew::curves::{active_force_length, passive_force_length, tendon_force};
-use sinew::deadline::Deadline;
-use sinew::model::Model;
-use sinew::model::path::Path;
-use sinew::nlp::sqp::{self, SqpSettings, SqpStatus};
-use sinew::numerics::bspline::SplineSpace;
-use sinew::problem::QuantityId;
-use sinew::settings::Bounds;
-use sinew::transcription::coefficients::Coefficients;
-use sinew::transcription::midpoint::mesh;
+use sinew::internals::curves::{active_force_length, passive_force_length, tendon_force};
+use sinew::internals::deadline::Deadline;
+use sinew::internals::model::Model;
+use sinew::internals::model::path::Path;
+use sinew::internals::nlp::sqp::{self, SqpSettings, SqpStatus};
+use sinew::internals::numerics::bspline::SplineSpace;
+use sinew::internals::problem::QuantityId;
+use sinew::internals::settings::Bounds;
+use sinew::internals::transcription::coefficients::Coefficients;
+use sinew::internals::transcription::midpoint::mesh;
 
 use super::support::{model, motion, prepare, settings};
 
@@ -76,9 +76,9 @@ impl Solved {
 
 /// Length of a muscle's path from the body coordinates, by elementary geometry.
 fn path_length(model: &Model, muscle: usize, q: &[f64]) -> f64 {
-    let point = |place: &sinew::model::Place| match *place {
-        sinew::model::Place::Ground(p) => p,
-        sinew::model::Place::Body(b, [x, y]) => {
+    let point = |place: &sinew::internals::model::Place| match *place {
+        sinew::internals::model::Place::Ground(p) => p,
+        sinew::internals::model::Place::Body(b, [x, y]) => {
             let (sin, cos) = q[3 * b + 2].sin_cos();
             [q[3 * b] + cos * x - sin * y, q[3 * b + 1] + sin * x + cos * y]
         }

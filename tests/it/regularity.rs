@@ -1,14 +1,14 @@
 //! Predicted against computed deficiencies, for the jobs of Table 1 and for random patterns of active bounds.
 
 use rand::{RngExt, SeedableRng};
-use sinew::deadline::Deadline;
-use sinew::methods::prediction::{Setting, predict};
-use sinew::nlp::iterate::Iterate;
-use sinew::nlp::regularity;
-use sinew::outcome::Status;
-use sinew::run::{RunOptions, run};
-use sinew::settings::{Bounds, LoadSharingGrid, Scheme};
-use sinew::study::Study;
+use sinew::internals::deadline::Deadline;
+use sinew::internals::methods::prediction::{Setting, predict};
+use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::regularity;
+use sinew::internals::outcome::Status;
+use sinew::internals::run::{RunOptions, run};
+use sinew::internals::settings::{Bounds, LoadSharingGrid, Scheme};
+use sinew::internals::study::Study;
 
 use super::support::{model, motion, prepare, root, settings};
 
@@ -19,7 +19,7 @@ fn every_job_of_table_1_converges_and_has_the_predicted_deficiencies() {
     let mut excused = 0;
     for job in &study.jobs {
         let model = study.model_of(job).unwrap();
-        let outcome = sinew::solve::solve(&model, &study.motion, &job.settings, job.points);
+        let outcome = sinew::internals::solve::solve(&model, &study.motion, &job.settings, job.points);
         assert_eq!(outcome.job.status, Status::Converged, "{:?}", job.swept);
         for residual in [outcome.job.stationarity, outcome.job.feasibility, outcome.job.complementarity] {
             assert!(residual.unwrap() <= 1e-8, "{:?}: {residual:?}", job.swept);
@@ -123,7 +123,7 @@ fn a_result_folder_says_whether_each_answer_is_unique() {
     let (_, study) = super::support::study(&folder);
     let out = folder.path().join("out");
     run(&study, &RunOptions { out: out.clone(), threads: Some(1), ..RunOptions::default() }, &false.into()).unwrap();
-    let table = sinew::tables::read("regularity", &out.join("regularity.parquet")).unwrap();
+    let table = sinew::internals::tables::read("regularity", &out.join("regularity.parquet")).unwrap();
     for row in 0..table.rows() {
         let none = |name| table.integer(name, row) == Some(0);
         assert_eq!(table.flag("unique", row), Some(none("deficiency_a") && none("deficiency_aj")));

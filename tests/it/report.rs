@@ -4,11 +4,11 @@ use std::io::Read;
 
 use base64::Engine;
 use serde_json::Value as Json;
-use sinew::tables::{self, Values};
+use sinew::internals::tables::{self, Values};
 
 use super::cli::{sinew, text};
-use sinew::report::svg;
-use sinew::study::Study;
+use sinew::internals::report::svg;
+use sinew::internals::study::Study;
 
 use super::support::{SMALL, folder, root};
 

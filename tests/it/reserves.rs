@@ -1,15 +1,15 @@
 //! Reserves and actuators: what they carry, against closed forms; their ranks.
 
 use rand::{RngExt, SeedableRng};
-use sinew::deadline::Deadline;
-use sinew::methods::prediction::{Setting, predict};
-use sinew::model::Model;
-use sinew::model::file::ModelFile;
-use sinew::nlp::iterate::Iterate;
-use sinew::nlp::regularity;
-use sinew::outcome::{Outcome, Status};
-use sinew::settings::{Bounds, RegularityMode, Scheme};
-use sinew::solve::solve;
+use sinew::internals::deadline::Deadline;
+use sinew::internals::methods::prediction::{Setting, predict};
+use sinew::internals::model::Model;
+use sinew::internals::model::file::ModelFile;
+use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::regularity;
+use sinew::internals::outcome::{Outcome, Status};
+use sinew::internals::settings::{Bounds, RegularityMode, Scheme};
+use sinew::internals::solve::solve;
 
 use super::support::{folder, model, motion, muscle, prepare, root, settings};
 
@@ -156,7 +156,7 @@ fn mistakes_are_told_apart() {
              motion = \"{{root}}/data/motions/{motion}.csv\"\n[base]\n{line}\n"
         );
         let folder = folder(&[("study.toml", &text)]);
-        let error = sinew::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
+        let error = sinew::internals::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
         format!("{:?}", miette::Report::new(error))
     };
     let said = study("arm", "reserves = { elbow_angel = 2.0 }");

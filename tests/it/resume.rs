@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
-use sinew::outcome::{Outcome, Status};
-use sinew::run::reasons::{Reason, reasons};
-use sinew::run::{Ended, RunOptions, Shard, collect, run, run_with, task};
-use sinew::solve::solve_from;
-use sinew::study::Study;
-use sinew::tables::read;
+use sinew::internals::outcome::{Outcome, Status};
+use sinew::internals::run::reasons::{Reason, reasons};
+use sinew::internals::run::{Ended, RunOptions, Shard, collect, run, run_with, task};
+use sinew::internals::solve::solve_from;
+use sinew::internals::study::Study;
+use sinew::internals::tables::read;
 
 use super::cli::{sinew, text};
 use super::engine::tables;
@@ -307,22 +307,23 @@ fn a_study_may_stop_at_its_first_failure() {
     let (_, study) = study(&folder);
     let out = folder.path().join("out");
     let fails = AtomicBool::new(true);
-    let solver =
-        |_: &Study, job: &sinew::study::Job, _: Option<&_>| match job.index == 2 && fails.load(Ordering::Relaxed) {
-            true => (Outcome::failed(Status::Stalled, "by hand"), None),
-            false => {
-                let mut outcome = Outcome::failed(Status::Converged, "");
-                outcome.job.error = None;
-                (outcome, None)
-            }
-        };
+    let solver = |_: &Study, job: &sinew::internals::study::Job, _: Option<&_>| match job.index == 2
+        && fails.load(Ordering::Relaxed)
+    {
+        true => (Outcome::failed(Status::Stalled, "by hand"), None),
+        false => {
+            let mut outcome = Outcome::failed(Status::Converged, "");
+            outcome.job.error = None;
+            (outcome, None)
+        }
+    };
     let first = run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
     assert_eq!((first.ended, first.finished, first.failed), (Ended::FirstFailure, 3, 1));
     let second = run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
     assert_eq!((second.finished, second.failed, second.ended), (6, 1, Ended::Complete), "again: on with the others");
     fails.store(false, Ordering::Relaxed);
     let calls = AtomicUsize::new(0);
-    let counted = |study: &Study, job: &sinew::study::Job, before: Option<&_>| {
+    let counted = |study: &Study, job: &sinew::internals::study::Job, before: Option<&_>| {
         calls.fetch_add(1, Ordering::Relaxed);
         solver(study, job, before)
     };
@@ -340,16 +341,17 @@ fn failed_jobs_are_solved_by_continuation_in_steps() {
     let out = folder.path().join("out");
     let seen = Mutex::new(Vec::new());
     let at = Mutex::new(f64::NAN);
-    let solver = |study: &Study, job: &sinew::study::Job, before: Option<&sinew::warm::Answer>| {
-        let mu = job.settings.mu;
-        let from = *at.lock().unwrap();
-        seen.lock().unwrap().push((mu, before.is_some()));
-        if mu > 0.15 && (before.is_none() || (mu - from).abs() > 0.12) {
-            return (Outcome::failed(Status::Stalled, "too far"), None);
-        }
-        *at.lock().unwrap() = mu;
-        solve_from(task(study, job, &study.model_of(job).unwrap()), before)
-    };
+    let solver =
+        |study: &Study, job: &sinew::internals::study::Job, before: Option<&sinew::internals::warm::Answer>| {
+            let mu = job.settings.mu;
+            let from = *at.lock().unwrap();
+            seen.lock().unwrap().push((mu, before.is_some()));
+            if mu > 0.15 && (before.is_none() || (mu - from).abs() > 0.12) {
+                return (Outcome::failed(Status::Stalled, "too far"), None);
+            }
+            *at.lock().unwrap() = mu;
+            solve_from(task(study, job, &study.model_of(job).unwrap()), before)
+        };
     let report = run_with(&study, &options(&out), &AtomicBool::new(false), &solver).unwrap();
     assert_eq!((report.finished, report.failed), (4, 1), "{seen:?}");
     let jobs = read("jobs", &out.join("jobs.parquet")).unwrap();
@@ -396,7 +398,7 @@ fn merging_needs_no_solver_and_shards_cover_a_study_once() {
     let count = AtomicUsize::new(0);
     for index in 0..5 {
         let shard = Some(Shard { index, count: 5 });
-        let solver = |_: &Study, _: &sinew::study::Job, _: Option<&_>| {
+        let solver = |_: &Study, _: &sinew::internals::study::Job, _: Option<&_>| {
             count.fetch_add(1, Ordering::Relaxed);
             (Outcome::failed(Status::Invalid, "not solved in this test"), None)
         };

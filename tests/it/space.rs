@@ -3,11 +3,11 @@
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 use rand::{RngExt, SeedableRng};
-use sinew::deadline::Deadline;
-use sinew::model::Model;
-use sinew::model::spatial::euler;
-use sinew::model::spatial::joint::PER_BODY;
-use sinew::skeleton::file::SkeletonFile;
+use sinew::internals::deadline::Deadline;
+use sinew::internals::model::Model;
+use sinew::internals::model::spatial::euler;
+use sinew::internals::model::spatial::joint::PER_BODY;
+use sinew::internals::skeleton::file::SkeletonFile;
 
 use super::radau::forward;
 use super::support::{check_derivatives, prepare};
@@ -174,7 +174,7 @@ fn lengths_of_spatial_paths_have_their_derivatives() {
         }
         let q = spatial.coordinates_of(&skeleton.frames(&pose), None);
         for muscle in &model.muscles {
-            let sinew::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
+            let sinew::internals::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
             let evaluate = |q: &[f64]| {
                 let (mut exact, mut plain) = (muscle.path.buffer(), muscle.path.buffer());
                 let touched = path.length(q, true, &mut exact);
@@ -236,7 +236,7 @@ fn second_derivatives_go_on_where_contact_comes_and_goes() {
         let (from, to) = (random(), random());
         let at = |t: f64| -> Vec<f64> { from.iter().zip(&to).map(|(a, b)| a + t * (b - a)).collect() };
         for muscle in &model.muscles {
-            let sinew::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
+            let sinew::internals::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
             let evaluate = |t: f64| {
                 let mut out = muscle.path.buffer();
                 let touched = path.length(&at(t), true, &mut out);
@@ -286,7 +286,7 @@ fn second_derivatives_go_on_where_contact_comes_and_goes() {
 }
 
 /// The upper limb in double poling, as set up for a job.
-fn poling(girdle: &str, more: &str) -> sinew::study::Study {
+fn poling(girdle: &str, more: &str) -> sinew::internals::study::Study {
     let root = super::support::root().display();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("study.toml");
@@ -296,7 +296,7 @@ fn poling(girdle: &str, more: &str) -> sinew::study::Study {
          regularity = \"off\"\nbounds = \"both_boxed\"\n{more}"
     );
     std::fs::write(&path, text).unwrap();
-    sinew::study::Study::load(&path).unwrap()
+    sinew::internals::study::Study::load(&path).unwrap()
 }
 
 #[test]
@@ -331,7 +331,7 @@ fn equations_of_every_girdle_have_their_derivatives() {
 
 #[test]
 fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
-    use sinew::solve::solve;
+    use sinew::internals::solve::solve;
     for girdle in ["fixed", "given", "free"] {
         let study = poling(girdle, "\"motion.abduction_offset_deg\" = 12.0\ntrajectories = true\n");
         let job = &study.jobs[0];
@@ -360,7 +360,12 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
         assert!((turned - without - 12f64.to_radians()).abs() < 1e-6, "{girdle}: {turned} {without}");
         if girdle != "free" {
             let outcome = solve(&model, &study.motion, &job.settings, job.points);
-            assert_eq!(outcome.job.status, sinew::outcome::Status::Converged, "{girdle}: {:?}", outcome.job.error);
+            assert_eq!(
+                outcome.job.status,
+                sinew::internals::outcome::Status::Converged,
+                "{girdle}: {:?}",
+                outcome.job.error
+            );
             assert!(outcome.job.max_activation.unwrap() <= 1.0 + 1e-9);
             assert!(outcome.job.tracking_rms_m.unwrap() < 0.03);
             assert!(outcome.trajectories.iter().any(|row| row.name == "abduction"));

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use rand::{RngExt, SeedableRng};
-use sinew::error::SourceFile;
-use sinew::skeleton::Skeleton;
-use sinew::skeleton::file::SkeletonFile;
-use sinew::skeleton::frame::{Vector, cross, dot, minus, norm, unit};
-use sinew::skeleton::surface::{Contact, Shape, Side};
+use sinew::internals::error::SourceFile;
+use sinew::internals::skeleton::Skeleton;
+use sinew::internals::skeleton::file::SkeletonFile;
+use sinew::internals::skeleton::frame::{Vector, cross, dot, minus, norm, unit};
+use sinew::internals::skeleton::surface::{Contact, Shape, Side};
 
 use super::cli::{sinew, text};
 use super::support::{folder, root, shared};
@@ -234,7 +234,7 @@ fn the_command_reads_poses_and_writes_csv_and_parquet() {
     assert_eq!(run(&["poses.csv", "--out", "a.csv"]).status.code(), Some(0));
     assert_eq!(std::fs::read_to_string(folder.path().join("a.csv")).unwrap().trim_end(), table.trim_end());
     assert_eq!(run(&["poses.csv", "--out", "a.parquet"]).status.code(), Some(0));
-    let parquet = sinew::tables::read("moment_arms", &folder.path().join("a.parquet")).unwrap();
+    let parquet = sinew::internals::tables::read("moment_arms", &folder.path().join("a.parquet")).unwrap();
     assert_eq!((parquet.rows(), parquet.integer("pose", 71)), (72, Some(1)));
     for (poses, says) in [
         ("shoulder_elev_deg\n1\n", "did you mean `shoulder_elv_deg`"),

@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use rand::RngExt;
-use sinew::deadline::Deadline;
-use sinew::error::SourceFile;
-use sinew::methods::InverseProblem;
-use sinew::model::Model;
-use sinew::model::file::ModelFile;
-use sinew::motion::{Measurement, MotionTable};
-use sinew::prepare::{Prepared, Task};
-use sinew::problem::{ControlProblem, Kind};
-use sinew::settings::{Scheme, Settings};
-use sinew::study::Study;
+use sinew::internals::deadline::Deadline;
+use sinew::internals::error::SourceFile;
+use sinew::internals::methods::InverseProblem;
+use sinew::internals::model::Model;
+use sinew::internals::model::file::ModelFile;
+use sinew::internals::motion::{Measurement, MotionTable};
+use sinew::internals::prepare::{Prepared, Task};
+use sinew::internals::problem::{ControlProblem, Kind};
+use sinew::internals::settings::{Scheme, Settings};
+use sinew::internals::study::Study;
 
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

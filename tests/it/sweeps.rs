@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
-use sinew::run::{Ended, RunOptions, run};
-use sinew::settings::Value;
-use sinew::study::{Job, Study};
-use sinew::tables::read;
+use sinew::internals::run::{Ended, RunOptions, run};
+use sinew::internals::settings::Value;
+use sinew::internals::study::{Job, Study};
+use sinew::internals::tables::read;
 
 use super::support::{SMALL, folder, root, study};
 
@@ -177,7 +177,7 @@ fn labels_are_what_a_job_has_and_conditions_look_at_that() {
 #[test]
 fn the_shipped_schema_is_that_of_the_types() {
     let shipped = std::fs::read_to_string(root().join("data/study.schema.json")).unwrap();
-    let made = format!("{:#}\n", sinew::study::file::schema());
+    let made = format!("{:#}\n", sinew::internals::study::file::schema());
     assert!(shipped == made, "run `sinew schema > data/study.schema.json`");
 }
 

@@ -1,17 +1,17 @@
 //! Intervals, descriptions of null spaces, and sensitivities, each checked by an independent computation.
 
-use sinew::deadline::Deadline;
-use sinew::nlp::iterate::Iterate;
-use sinew::nlp::polish::active;
-use sinew::nlp::regularity::analyse_dense;
-use sinew::nlp::sqp::{self, SqpSettings};
-use sinew::outcome::Outcome;
-use sinew::prepare::Task;
-use sinew::settings::{Bounds, RegularityMode, Scheme, Settings};
-use sinew::solution::Solution;
-use sinew::solve::{solve, solve_from};
-use sinew::transcription::scheme::evaluate;
-use sinew::uniqueness::activation_intervals;
+use sinew::internals::deadline::Deadline;
+use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::polish::active;
+use sinew::internals::nlp::regularity::analyse_dense;
+use sinew::internals::nlp::sqp::{self, SqpSettings};
+use sinew::internals::outcome::Outcome;
+use sinew::internals::prepare::Task;
+use sinew::internals::settings::{Bounds, RegularityMode, Scheme, Settings};
+use sinew::internals::solution::Solution;
+use sinew::internals::solve::{solve, solve_from};
+use sinew::internals::transcription::scheme::evaluate;
+use sinew::internals::uniqueness::activation_intervals;
 
 use super::support::{model, motion, prepare, settings};
 
@@ -69,7 +69,8 @@ fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction
     let outcome = solve(&arm, &table, &settings, 11);
     assert_eq!(outcome.regularity.as_ref().unwrap().loads_unique, Some(false));
     assert!(outcome.regularity.as_ref().unwrap().null_space.is_some());
-    let wide = |m: &sinew::outcome::MuscleRow| m.mean_activation_high.unwrap() - m.mean_activation_low.unwrap();
+    let wide =
+        |m: &sinew::internals::outcome::MuscleRow| m.mean_activation_high.unwrap() - m.mean_activation_low.unwrap();
     assert!(outcome.muscles.iter().any(|m| wide(m) > 1e-2), "{:?}", outcome.muscles);
 
     let prepared = prepare(&arm, &table, &settings, 11);

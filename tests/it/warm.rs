@@ -1,10 +1,10 @@
 //! Starts from the answers of other jobs.
 
-use sinew::prepare::Task;
-use sinew::settings::{RegularityMode, Scheme, WarmStart};
-use sinew::solve::{solve, solve_from};
+use sinew::internals::prepare::Task;
+use sinew::internals::settings::{RegularityMode, Scheme, WarmStart};
+use sinew::internals::solve::{solve, solve_from};
 
-use sinew::transcription::scheme::evaluate;
+use sinew::internals::transcription::scheme::evaluate;
 
 use super::support::{model, motion, prepare, settings};
 
@@ -23,7 +23,7 @@ fn an_answer_is_prolonged_exactly() {
         let answer = answer.unwrap();
         let start = answer.start(&same.inverse, &problem);
         // On its own mesh, the answer reproduces its solution, including the multipliers.
-        let again = sinew::nlp::sqp::solve(&problem, start, Default::default());
+        let again = sinew::internals::nlp::sqp::solve(&problem, start, Default::default());
         assert!(again.iterations() <= 2, "{scheme:?} {stages}: {} iterations", again.iterations());
         assert!((again.iterate.objective - outcome.job.objective.unwrap()).abs() < 1e-9);
 

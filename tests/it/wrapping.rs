@@ -6,12 +6,12 @@ use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
 use rand::{RngExt, SeedableRng};
-use sinew::error::SourceFile;
-use sinew::skeleton::Skeleton;
-use sinew::skeleton::frame::{Frame, Vector, dot, minus, norm, unit};
-use sinew::skeleton::surface::{Contact, Shape, Side, Wrap};
-use sinew::skeleton::wrapping::{PlacedSurface, touches};
-use sinew::study::load_skeleton;
+use sinew::internals::error::SourceFile;
+use sinew::internals::skeleton::Skeleton;
+use sinew::internals::skeleton::frame::{Frame, Vector, dot, minus, norm, unit};
+use sinew::internals::skeleton::surface::{Contact, Shape, Side, Wrap};
+use sinew::internals::skeleton::wrapping::{PlacedSurface, touches};
+use sinew::internals::study::load_skeleton;
 
 use super::cli::{sinew, text};
 use super::support::{folder, root, shared};

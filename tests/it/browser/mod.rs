@@ -10,7 +10,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use sinew::tables::{self, Table, Values};
+use sinew::internals::tables::{self, Table, Values};
 
 use super::cli::{sinew, text};
 use super::support::{SMALL, folder, root};
