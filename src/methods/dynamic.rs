@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use super::{Drive, InverseProblem, MotionVariables, MuscleVariables};
+use super::{Drive, InverseProblem, MotionVariables, MuscleVariables, StabilisationVariables};
 use crate::model::Model;
 use crate::motion::{Measurement, Surroundings};
 use crate::problem::blocks::activation::Activation;
@@ -14,194 +14,126 @@ use crate::problem::blocks::equation_of_motion::EquationOfMotion;
 use crate::problem::blocks::joints::Joints;
 use crate::problem::blocks::reserve::Reserve;
 use crate::problem::blocks::stabilisation::Stabilisation;
-use crate::problem::{Bounded, Builder, Goal, Kind, QuantityId, Span, goals};
+use crate::problem::{Bounded, Builder, Goal, Kind, goals};
 use crate::settings::{BoundKind, Initial, LoadSharingGrid, Scheme, Settings};
 use crate::transcription::scheme::{Discretisation, gauss};
 
 /// The problem of a model with these settings.
 pub fn dynamic<'m>(model: &'m Model, settings: &Settings, surroundings: &Arc<Surroundings>) -> InverseProblem<'m> {
     let mut problem = Builder::default();
-    let quantities = Quantities::declare(&mut problem, model, settings.scheme, surroundings);
-    let variables = Variables::read(&mut problem, &quantities, model);
-    let equations = Equations::declare(&mut problem, &quantities, model);
-    add_motion(&mut problem, model, &variables, &equations);
-    let contractions = add_muscles(&mut problem, model, &variables, &equations, settings);
-    let actuators = add_actuators(&mut problem, model, &variables, &equations, settings);
-    add_limits(&mut problem, model, &variables, &equations, settings);
+    let (motion, muscles) = declare(&mut problem, model, settings.scheme, surroundings);
+    add_motion(&mut problem, model, &motion);
+    let contractions = add_muscles(&mut problem, model, &motion, &muscles, settings);
+    let actuators = add_actuators(&mut problem, model, &motion, settings);
+    add_limits(&mut problem, model, &muscles, settings);
     if settings.initial == Initial::Equilibrium {
         // The fibre of a rigid tendon follows the coordinates.
         let elastic = model.muscles.iter().enumerate().filter(|(_, muscle)| !muscle.rigid_tendon);
-        elastic.for_each(|(m, _)| problem.at_rest(quantities.fibre_length, m));
+        elastic.for_each(|(m, _)| problem.at_rest(muscles.fibre_length, m));
     }
-    InverseProblem {
-        model,
-        control: problem.build(model.muscles.len()),
-        motion: MotionVariables {
-            coordinate: quantities.coordinate,
-            velocity: quantities.velocity,
-            q: variables.q,
-            all: variables.all,
-            rates: variables.velocities,
-            accelerations: variables.accelerations,
-            reaction: quantities.reaction,
-            reactions: variables.reactions,
-            equation: equations.motion,
-            joints: equations.joints,
-            joint_velocities: equations.stabilisation.map(|[_, velocity]| velocity),
-        },
-        muscles: MuscleVariables {
-            activation: quantities.activation,
-            fibre_length: quantities.fibre_length,
-            excitation: quantities.excitation,
-            a: variables.a,
-            l: variables.l,
-            l_rate: variables.l_rate,
-            a_rate: variables.a_rate,
-            u: variables.u,
-            contraction: equations.contraction,
-        },
-        contractions,
-        actuators,
-    }
+    InverseProblem { model, control: problem.build(model.muscles.len()), motion, muscles, contractions, actuators }
 }
 
-/// The quantities, in the order of the decision vector.
-struct Quantities {
-    coordinate: QuantityId,
-    velocity: Option<QuantityId>,
-    fibre_length: QuantityId,
-    activation: QuantityId,
-    excitation: QuantityId,
-    reaction: QuantityId,
-    stabiliser: Option<QuantityId>,
-    given: QuantityId,
-    load: QuantityId,
+/// Declares the quantities, in the order of the decision vector, the variables at an instant, and the equations.
+fn declare<'m>(
+    problem: &mut Builder<'m>,
+    model: &Model,
+    scheme: Scheme,
+    surroundings: &Arc<Surroundings>,
+) -> (MotionVariables, MuscleVariables) {
+    let first_order = scheme == Scheme::Radau;
+    let (names, constraints) = (model.mechanics.body_coordinate_names(), model.constraint_names());
+    let (nq, nc, nm) = (names.len(), constraints.len(), model.muscles.len());
+    let muscles = || model.muscles.iter().map(|muscle| muscle.name.clone()).collect::<Vec<_>>();
+    let state = |order| Kind::State { order };
+    let coordinate = problem.quantity("coordinate", names.clone(), state(if first_order { 1 } else { 2 }));
+    let velocity = first_order.then(|| problem.quantity("velocity", names, state(1)));
+    let fibre_length = problem.quantity("fibre_length", muscles(), state(1));
+    let activation = problem.quantity("activation", muscles(), state(1));
+    let excitation = problem.quantity("excitation", muscles(), Kind::Control);
+    let reaction = problem.quantity_in("reaction", constraints.clone(), Kind::Algebraic, model.weight());
+    let stabiliser = first_order.then(|| problem.quantity("stabiliser", constraints, Kind::Algebraic));
+    let (bodies, forces) = (surroundings.clone(), surroundings.clone());
+    let given_names = model.mechanics.given_coordinate_names();
+    let given = problem.given("given_coordinate", given_names, move |t| bodies.given(t));
+    let loads = move |t| (forces.loads(t).concat(), Vec::new());
+    let load = problem.given("load", model.mechanics.load_names(), loads);
+
+    let q = problem.read(coordinate, 0);
+    let all = q.and(problem.read(given, 0));
+    let accelerations = problem.read(velocity.unwrap_or(coordinate), if first_order { 1 } else { 2 });
+    let [a, l] = [activation, fibre_length].map(|quantity| problem.read(quantity, 0));
+    let [l_rate, a_rate] = [fibre_length, activation].map(|quantity| problem.read(quantity, 1));
+    let (u, reactions) = (problem.read(excitation, 0), problem.read(reaction, 0));
+    // Without a velocity of their own, only bodies in space have one in eq. (1).
+    let of_bodies = velocity.map(|velocity| (velocity, 0)).or(model.spatial().map(|_| (coordinate, 1)));
+    let rates = of_bodies.map(|(quantity, level)| problem.read(quantity, level).and(problem.read(given, 1)));
+    let stabilising = stabiliser.map(|eta| (problem.read(coordinate, 1), problem.read(eta, 0)));
+    let loads = problem.read(load, 0);
+
+    let [equation, joints] = [("motion", nq), ("joints", nc)].map(|(name, rows)| problem.equation(name, rows, true));
+    let contraction = problem.equation("contraction", nm, true);
+    let activation_dynamics = problem.equation("activation", nm, true);
+    let stabilisation = stabilising.map(|(rates, multipliers)| StabilisationVariables {
+        rates,
+        multipliers,
+        kinematic: problem.equation("kinematic", nq, false),
+        joint_velocities: problem.equation("joint_velocity", nc, false),
+    });
+    let fibre_force = problem.equation("fibre_force", nm, false);
+    let motion = MotionVariables {
+        coordinate,
+        velocity,
+        reaction,
+        q,
+        all,
+        rates,
+        accelerations,
+        reactions,
+        loads,
+        equation,
+        joints,
+        stabilisation,
+    };
+    let muscles = MuscleVariables {
+        activation,
+        fibre_length,
+        excitation,
+        a,
+        l,
+        l_rate,
+        a_rate,
+        u,
+        contraction,
+        activation_dynamics,
+        fibre_force,
+    };
+    (motion, muscles)
 }
 
-impl Quantities {
-    fn declare<'m>(problem: &mut Builder<'m>, model: &Model, scheme: Scheme, surroundings: &Arc<Surroundings>) -> Self {
-        let is_first_order = scheme == Scheme::Radau;
-        let names = model.mechanics.body_coordinate_names();
-        let muscles = || model.muscles.iter().map(|muscle| muscle.name.clone()).collect::<Vec<_>>();
-        let constraints = model.constraint_names();
-        let order = if is_first_order { 1 } else { 2 };
-        let coordinate = problem.quantity("coordinate", names.clone(), Kind::State { order });
-        let velocity = is_first_order.then(|| problem.quantity("velocity", names, Kind::State { order: 1 }));
-        let fibre_length = problem.quantity("fibre_length", muscles(), Kind::State { order: 1 });
-        let activation = problem.quantity("activation", muscles(), Kind::State { order: 1 });
-        let excitation = problem.quantity("excitation", muscles(), Kind::Control);
-        let reaction = problem.quantity_in("reaction", constraints.clone(), Kind::Algebraic, model.weight());
-        let stabiliser = is_first_order.then(|| problem.quantity("stabiliser", constraints, Kind::Algebraic));
-        let (bodies, forces) = (surroundings.clone(), surroundings.clone());
-        let given =
-            problem.given("given_coordinate", model.mechanics.given_coordinate_names(), move |t| bodies.given(t));
-        let load = problem.given("load", model.mechanics.load_names(), move |t| (forces.loads(t).concat(), Vec::new()));
-        Self { coordinate, velocity, fibre_length, activation, excitation, reaction, stabiliser, given, load }
-    }
-}
-
-/// The variables at an instant.
-struct Variables {
-    q: Span,
-    /// q with the given coordinates.
-    all: Span,
-    accelerations: Span,
-    a: Span,
-    l: Span,
-    l_rate: Span,
-    a_rate: Span,
-    u: Span,
-    reactions: Span,
-    /// Of all bodies, where the equations have them.
-    velocities: Option<Span>,
-    /// q̇ and η of the first-order form.
-    stabilisation: Option<[Span; 2]>,
-    loads: Span,
-}
-
-impl Variables {
-    fn read(problem: &mut Builder<'_>, quantities: &Quantities, model: &Model) -> Self {
-        let q = problem.read(quantities.coordinate, 0);
-        let all = q.and(problem.read(quantities.given, 0));
-        let accelerations = match quantities.velocity {
-            Some(velocity) => problem.read(velocity, 1),
-            None => problem.read(quantities.coordinate, 2),
-        };
-        let [a, l] = [quantities.activation, quantities.fibre_length].map(|quantity| problem.read(quantity, 0));
-        let [l_rate, a_rate] = [quantities.fibre_length, quantities.activation].map(|q| problem.read(q, 1));
-        let u = problem.read(quantities.excitation, 0);
-        let reactions = problem.read(quantities.reaction, 0);
-        let of_bodies = match quantities.velocity {
-            Some(velocity) => Some(problem.read(velocity, 0)),
-            // The quadratic velocity terms of Euler parameters.
-            None if model.spatial().is_some() => Some(problem.read(quantities.coordinate, 1)),
-            None => None,
-        };
-        let velocities = of_bodies.map(|velocities| velocities.and(problem.read(quantities.given, 1)));
-        let stabilisation =
-            quantities.stabiliser.map(|eta| [problem.read(quantities.coordinate, 1), problem.read(eta, 0)]);
-        let loads = problem.read(quantities.load, 0);
-        Self { q, all, accelerations, a, l, l_rate, a_rate, u, reactions, velocities, stabilisation, loads }
-    }
-}
-
-/// The equations, and f_m as a function for limits.
-struct Equations {
-    motion: Span,
-    joints: Span,
-    contraction: Span,
-    activation: Span,
-    /// q̇ = v + Φ_qᵀ η and Φ_q v = 0.
-    stabilisation: Option<[Span; 2]>,
-    fibre_force: Span,
-}
-
-impl Equations {
-    fn declare(problem: &mut Builder<'_>, quantities: &Quantities, model: &Model) -> Self {
-        let (nq, nc, nm) = (model.mechanics.coordinates(), model.mechanics.constraints(), model.muscles.len());
-        Self {
-            motion: problem.equation("motion", nq, true),
-            joints: problem.equation("joints", nc, true),
-            contraction: problem.equation("contraction", nm, true),
-            activation: problem.equation("activation", nm, true),
-            stabilisation: quantities
-                .stabiliser
-                .map(|_| [problem.equation("kinematic", nq, false), problem.equation("joint_velocity", nc, false)]),
-            fibre_force: problem.equation("fibre_force", nm, false),
-        }
-    }
-}
-
-fn add_motion<'m>(problem: &mut Builder<'m>, model: &'m Model, variables: &Variables, equations: &Equations) {
+fn add_motion<'m>(problem: &mut Builder<'m>, model: &'m Model, motion: &MotionVariables) {
     let mechanics = model.mechanics.as_ref();
+    let coordinates = motion.all;
     problem.block(EquationOfMotion {
         mechanics,
         weight: model.weight(),
-        coordinates: variables.all,
-        velocities: variables.velocities,
-        accelerations: variables.accelerations,
-        loads: variables.loads,
-        rows: equations.motion,
+        coordinates,
+        velocities: motion.rates,
+        accelerations: motion.accelerations,
+        loads: motion.loads,
+        rows: motion.equation,
     });
-    problem.block(Joints {
-        mechanics,
-        coordinates: variables.all,
-        reactions: variables.reactions,
-        motion: equations.motion,
-        rows: equations.joints,
-    });
-    let velocities = variables.velocities;
-    if let (Some([rates, multipliers]), Some([kinematic_rows, velocity_rows]), Some(velocities)) =
-        (variables.stabilisation, equations.stabilisation, velocities)
-    {
+    let (reactions, rows) = (motion.reactions, motion.joints);
+    problem.block(Joints { mechanics, coordinates, reactions, motion: motion.equation, rows });
+    if let (Some(stabilisation), Some(velocities)) = (motion.stabilisation, motion.rates) {
         problem.block(Stabilisation {
             mechanics,
-            coordinates: variables.all,
-            rates,
+            coordinates,
+            rates: stabilisation.rates,
             velocities,
-            multipliers,
-            kinematic_rows,
-            velocity_rows,
+            multipliers: stabilisation.multipliers,
+            kinematic_rows: stabilisation.kinematic,
+            velocity_rows: stabilisation.joint_velocities,
         });
     }
 }
@@ -209,37 +141,30 @@ fn add_motion<'m>(problem: &mut Builder<'m>, model: &'m Model, variables: &Varia
 fn add_muscles<'m>(
     problem: &mut Builder<'m>,
     model: &'m Model,
-    variables: &Variables,
-    equations: &Equations,
+    motion: &MotionVariables,
+    muscles: &MuscleVariables,
     settings: &Settings,
 ) -> Vec<Contraction<'m>> {
     let (step_weight, weight) = (step_weight(settings), model.weight());
     let mut contractions = Vec::new();
     for (m, muscle) in model.muscles.iter().enumerate() {
-        let (activation, excitation) = (variables.a.at(m), variables.u.at(m));
+        let (activation, excitation) = (muscles.a.at(m), muscles.u.at(m));
         let contraction = Contraction {
             muscle,
             strength: muscle.max_isometric_force / weight,
-            coordinates: variables.all,
+            coordinates: motion.all,
             activation,
-            length: variables.l.at(m),
-            velocity: variables.l_rate.at(m),
+            length: muscles.l.at(m),
+            velocity: muscles.l_rate.at(m),
             excitation,
-            motion: equations.motion,
-            row: equations.contraction.at(m),
-            force_row: equations.fibre_force.at(m),
+            motion: motion.equation,
+            row: muscles.contraction.at(m),
+            force_row: muscles.fibre_force.at(m),
             step_weight,
         };
-        let rate = variables.a_rate.at(m);
         problem.block(contraction);
-        problem.block(Activation {
-            muscle,
-            activation,
-            rate,
-            excitation,
-            row: equations.activation.at(m),
-            step_weight,
-        });
+        let (rate, row) = (muscles.a_rate.at(m), muscles.activation_dynamics.at(m));
+        problem.block(Activation { muscle, activation, rate, excitation, row, step_weight });
         contractions.push(contraction);
     }
     contractions
@@ -249,8 +174,7 @@ fn add_muscles<'m>(
 fn add_actuators<'m>(
     problem: &mut Builder<'m>,
     model: &'m Model,
-    variables: &Variables,
-    equations: &Equations,
+    motion: &MotionVariables,
     settings: &Settings,
 ) -> Vec<Drive<'m>> {
     let Some(planar) = model.planar() else { return Vec::new() };
@@ -275,9 +199,9 @@ fn add_actuators<'m>(
         problem.block(Reserve {
             joint,
             strength: moment / weight,
-            coordinates: variables.all,
+            coordinates: motion.all,
             control,
-            motion: equations.motion,
+            motion: motion.equation,
             step_weight: step_weight(settings),
         });
         let limits = [("control", Bounded::Below(control)), ("control_upper", Bounded::Above(control))];
@@ -295,22 +219,16 @@ fn step_weight(settings: &Settings) -> f64 {
     2.5 * settings.mu.max(1e-2).powi(2)
 }
 
-fn add_limits(
-    problem: &mut Builder<'_>,
-    model: &Model,
-    variables: &Variables,
-    equations: &Equations,
-    settings: &Settings,
-) {
+fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariables, settings: &Settings) {
     for kind in settings.bounds.kinds() {
         for (m, muscle) in model.muscles.iter().enumerate() {
             let (bounded, bound) = match kind {
-                BoundKind::Activation => (Bounded::Below(variables.a.at(m)), 0.0),
-                BoundKind::Excitation => (Bounded::Below(variables.u.at(m)), 0.0),
-                BoundKind::ActivationUpper => (Bounded::Above(variables.a.at(m)), 1.0),
-                BoundKind::ExcitationUpper => (Bounded::Above(variables.u.at(m)), 1.0),
+                BoundKind::Activation => (Bounded::Below(muscles.a.at(m)), 0.0),
+                BoundKind::Excitation => (Bounded::Below(muscles.u.at(m)), 0.0),
+                BoundKind::ActivationUpper => (Bounded::Above(muscles.a.at(m)), 1.0),
+                BoundKind::ExcitationUpper => (Bounded::Above(muscles.u.at(m)), 1.0),
                 // No tendon pushes (eq. 11).
-                BoundKind::Force => (Bounded::Function(equations.fibre_force.at(m)), 0.0),
+                BoundKind::Force => (Bounded::Function(muscles.fibre_force.at(m)), 0.0),
             };
             problem.limit(kind.name(), &muscle.name, bounded, bound);
         }

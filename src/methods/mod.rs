@@ -47,19 +47,30 @@ pub struct MotionVariables {
     pub coordinate: QuantityId,
     /// A velocity of its own, in the first-order form.
     pub velocity: Option<QuantityId>,
+    pub reaction: QuantityId,
     /// q of the bodies that move by forces, and of all bodies.
     pub q: Span,
     pub all: Span,
     /// q̇ of all bodies, where the equations have it.
     pub rates: Option<Span>,
     pub accelerations: Span,
-    pub reaction: QuantityId,
     pub reactions: Span,
+    /// Three components of each external force.
+    pub loads: Span,
     /// Eqs (1) and (2).
     pub equation: Span,
     pub joints: Span,
-    /// Φ_q v = 0, where the equations have it.
-    pub joint_velocities: Option<Span>,
+    /// The joints on the velocity level, in the first-order form.
+    pub stabilisation: Option<StabilisationVariables>,
+}
+
+/// q̇ and η, and the equations q̇ = v + Φ_qᵀ η and Φ_q v = 0.
+#[derive(Clone, Copy, Debug)]
+pub struct StabilisationVariables {
+    pub rates: Span,
+    pub multipliers: Span,
+    pub kinematic: Span,
+    pub joint_velocities: Span,
 }
 
 /// The muscles: quantities, variables at an instant, equations; a member each muscle.
@@ -74,8 +85,10 @@ pub struct MuscleVariables {
     pub l_rate: Span,
     pub a_rate: Span,
     pub u: Span,
-    /// Eq. (3).
+    /// Eqs (3) and (4), and f_m as a function for limits.
     pub contraction: Span,
+    pub activation_dynamics: Span,
+    pub fibre_force: Span,
 }
 
 impl InverseProblem<'_> {

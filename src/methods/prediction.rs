@@ -119,7 +119,7 @@ pub fn predict(
         let spare = (muscles + inverse.actuators.len() + model.mechanics.constraints())
             .saturating_sub(model.mechanics.coordinates());
         let complete = problem.points.iter().filter(|point| point.complete).count();
-        let start = match inverse.motion.joint_velocities {
+        let start = match inverse.motion.stabilisation {
             None => 0,
             Some(_) => model.mechanics.coordinates() - (model.mechanics.constraints() - joints.missing_at_start),
         };
@@ -224,13 +224,13 @@ fn dependent_joint_constraints(
         if j == 0 {
             found.missing_at_start = missing;
         }
-        let (Some(velocity_rows), Some(rates)) = (motion.joint_velocities, motion.rates) else {
+        let (Some(stabilisation), Some(rates)) = (motion.stabilisation, motion.rates) else {
             found.rows += missing;
             found.free_reactions += missing;
             continue;
         };
         let both = Mat::from_fn(2 * nc, 2 * nq, |i, k| {
-            let row = if i < nc { motion.joints.at(i) } else { velocity_rows.at(i - nc) };
+            let row = if i < nc { motion.joints.at(i) } else { stabilisation.joint_velocities.at(i - nc) };
             jacobian[(row, if k < nq { motion.q.at(k) } else { rates.at(k - nq) })]
         });
         found.rows += 2 * nc - rank::by_svd(&both).map_or(2 * nc, |r| r.rank);
