@@ -74,11 +74,11 @@ const LAYERS: [&str; 38] = [
     "internals",
 ];
 
-/// Words that begin with `crate::` in a text, comments and unit tests left out.
-fn used(text: &str) -> Vec<String> {
+/// What follows a prefix such as `crate::` in a text, comments and unit tests left out.
+fn used(text: &str, prefix: &str) -> Vec<String> {
     let code = text.split("#[cfg(test)]").next().unwrap();
     let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
-    let parts = lines.flat_map(|line| line.split("crate::").skip(1).map(str::to_owned).collect::<Vec<_>>());
+    let parts = lines.flat_map(|line| line.split(prefix).skip(1).map(str::to_owned).collect::<Vec<_>>());
     parts.map(|part| part.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()).collect()
 }
 
@@ -94,7 +94,7 @@ fn dependencies_point_one_way() {
         let layer = |name: &str| {
             LAYERS.iter().position(|layer| *layer == name).unwrap_or_else(|| panic!("{path}: `{name}` has no layer"))
         };
-        for name in used(&text).iter().filter(|name| *name != own && *name != "SOLVER") {
+        for name in used(&text, "crate::").iter().filter(|name| *name != own && *name != "SOLVER") {
             assert!(layer(name) < layer(own), "{path} uses {name}, which comes after {own}");
         }
     }
@@ -111,9 +111,8 @@ fn files_of_a_folder_do_not_use_one_another_in_circles() {
     // The files beside one that it names with `super::`.
     let beside = |path: &str| -> Vec<String> {
         let folder = path.rsplit_once('/').unwrap().0;
-        let code = texts[path].split("#[cfg(test)]").next().unwrap();
-        let names = code.split("super::").skip(1).map(|part| part.split(|c: char| !c.is_alphanumeric() && c != '_'));
-        let files = names.filter_map(|mut words| Some(format!("{folder}/{}", words.next()?)));
+        let names = used(&texts[path], "super::");
+        let files = names.iter().map(|name| format!("{folder}/{name}"));
         files.filter(|file| file != path && texts.contains_key(file)).collect()
     };
     for start in texts.keys() {
