@@ -92,6 +92,7 @@ pub mod problem {
 pub mod reference {
     pub use crate::reference::{FileKind, keys, settings};
 }
+#[cfg(feature = "figures")]
 pub mod report {
     pub mod svg {
         pub use crate::report::svg::drawing_code_hash;
