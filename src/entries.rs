@@ -139,11 +139,11 @@ pub fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> std::resu
     let mut seen = std::collections::BTreeSet::new();
     for name in names {
         named(&[kind, name], name)?;
-        if name.contains(['.', '*']) {
+        if name.contains(['.', '*', ',']) {
             return Err(Issue::new(
                 &[kind, name],
                 format!("found the name \"{name}\""),
-                "a name must not contain `.` or `*`: studies address values as kind.name.key",
+                "a name must not contain `.`, `,` or `*`: studies address values as kind.name.key",
             ));
         }
         if !seen.insert(name) {

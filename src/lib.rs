@@ -26,7 +26,7 @@
 //! prepare.rs      a job → inverse problem, scheme, measurement
 //! starts.rs       what a job's solves start from
 //! warm.rs         a solved problem as the start of another
-//! solution.rs     a solved problem → loads, errors, functions of time
+//! solution/       a solved problem → loads, errors, functions of time
 //! mesh_error.rs   estimated discretisation error of effort and loads
 //! plausibility.rs warnings about converged results that should not be trusted without checking
 //! uniqueness.rs   how far an answer that is not unique may move; sensitivities
@@ -45,6 +45,7 @@
 //! table1.rs       results next to the thesis' Table 1
 //! report/         a page that shows the results, from the tables alone
 //! cli/            one file per command
+//! internals.rs    what tests and benchmarks may use
 //! ```
 //!
 //! Invariants, tested in `tests/it/architecture.rs` and `engine.rs`: dependencies point one way (cli → run → tables,

@@ -331,7 +331,7 @@ pub struct MuscleRow {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReserveRow {
     pub coordinate: String,
-    /// Name of the actuator; of a reserve that of its coordinate.
+    /// Name of the actuator; of a reserve `reserve.` and that of its coordinate.
     pub actuator: String,
     pub is_reserve: bool,
     /// Of a moment, N m.

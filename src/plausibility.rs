@@ -66,7 +66,7 @@ pub const WARNING_KINDS: [WarningKind; 9] = [
         limit: "peak of a reserve above warn.reserves (0.05) times that of the net joint moment (Hicks et al., J Biomech \
                 Eng 137, 2015)",
         remedy: "the muscles do not carry the load: check their strength and paths; a smaller `reserves` or a larger \
-                 `reserve_weight` makes reserves dearer",
+                 `reserve_weight` penalises reserves more",
     },
 ];
 
@@ -145,14 +145,14 @@ pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<W
     warnings
 }
 
-/// The warning on reserves that carry more of the load than rounding off needs.
+/// The warning on reserves that carry more than a negligible part of the load, or an unknown part.
 fn reserve_warning(reserves: &[ReserveRow], limit: f64) -> Option<Warning> {
-    let beyond = reserves.iter().filter(|row| row.is_reserve && row.share.is_some_and(|share| share > limit));
+    let beyond = reserves.iter().filter(|row| row.is_reserve && row.share.is_none_or(|share| share > limit));
     let words: Vec<String> = beyond
         .map(|row| {
             let (peak, unit) = row.peak_moment_n_m.map_or((row.peak_force_n, "N"), |peak| (Some(peak), "N m"));
-            let share = 100.0 * row.share.unwrap_or(0.0);
-            format!("{}: up to {:.2} {unit}, {share:.0} % of the net load", row.coordinate, peak.unwrap_or(0.0))
+            let share = row.share.map_or("an unknown share".to_owned(), |share| format!("{:.0} %", 100.0 * share));
+            format!("{}: up to {:.2} {unit}, {share} of the net load", row.coordinate, peak.unwrap_or(0.0))
         })
         .collect();
     (!words.is_empty()).then(|| Warning { code: "reserves", found: words.join(", ") })

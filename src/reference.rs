@@ -4,7 +4,7 @@
 use serde_json::Value as Json;
 
 use crate::model::file::ModelFile;
-use crate::settings::Limits;
+use crate::settings::{Limits, Value};
 use crate::settings::{NAMES, Settings};
 use crate::skeleton::file::SkeletonFile;
 use crate::study::file;
@@ -56,12 +56,21 @@ pub fn settings() -> Vec<Key> {
     let schema = schemars::schema_for!(Settings).to_value();
     let mut keys = Vec::new();
     add(&mut keys, &schema, &schema, "", 0);
+    // Defaults that are no part of a job's identity are not in the schema.
+    for key in keys.iter_mut().filter(|key| key.default.is_empty()) {
+        key.default = match Settings::default().get(&key.name) {
+            Some(Value::Number(number)) => number.to_string(),
+            _ => String::new(),
+        };
+    }
     let limits = schemars::schema_for!(Limits).to_value();
     let mut warn = Vec::new();
     add(&mut warn, &limits, &limits, "", 0);
     keys.extend(warn.into_iter().map(|key| Key {
         name: format!("warn.{}", key.name),
         meaning: format!("limit of a warning: {}", lower_first(&key.meaning)),
+        default:
+            Settings::default().get(&format!("warn.{}", key.name)).map_or(String::new(), |value| value.to_string()),
         ..key
     }));
     let row = |name: &str, value: &str, default: &str, meaning: &str| Key {
@@ -80,13 +89,24 @@ pub fn settings() -> Vec<Key> {
             "offset added to a coordinate of the motion; also `_rad`, `_m`",
         ),
         row("motion.COORDINATE_scale", "number", "1", "factor on a coordinate of the motion"),
-        row("motion.abduction_offset_deg", "number", "0", "turns the body of the model's `[abduction]` about its axis"),
+        row(
+            "motion.TURN_offset_deg",
+            "number",
+            "0",
+            "turns the body of the model's `[[turn]]` called TURN about its axis",
+        ),
+        row(
+            "reserves.COORDINATE",
+            "number",
+            "that of `reserves`",
+            "the reserve at one joint coordinate, N m or N; 0 for none",
+        ),
         row("force.NAME_scale", "number", "1", "factor on an external force and its moment"),
         row(
             "PATH, PATH_scale",
-            "number",
+            "number, text or flag",
             "the model's",
-            "any numeric parameter of the model, by path, as a value or as a factor",
+            "any value of the model but names, by path; a number as a value or as a factor",
         ),
     ]);
     keys

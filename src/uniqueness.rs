@@ -159,7 +159,9 @@ pub fn describe(
                 Part::Motion => format!("the motion {moves}"),
                 Part::Function(member, id) => {
                     let quantity = inverse.control.quantity(id);
-                    let is_idle = idle.get(member).is_some_and(|idle| *idle) && quantity.members.len() == idle.len();
+                    let muscles = &inverse.muscles;
+                    let of_muscle = [muscles.activation, muscles.fibre_length, muscles.excitation].contains(&id);
+                    let is_idle = of_muscle && idle[member];
                     let while_idle = if is_idle { " while idle" } else { "" };
                     format!("{}: {} {moves}{while_idle}", quantity.members[member], quantity.name.replace('_', " "))
                 }

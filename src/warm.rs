@@ -11,7 +11,8 @@ use crate::nlp::iterate::Iterate;
 use crate::nlp::polish::active;
 use crate::nlp::sqp::Start;
 use crate::problem::{Equation, Limit, Quantity, QuantityId};
-use crate::transcription::collocation::{Bound, Collocation};
+use crate::transcription::collocation::Collocation;
+use crate::transcription::places::Bound;
 use crate::transcription::scheme::{Discretisation, Trajectory, evaluate};
 
 /// A converged solution, with everything needed to start another problem from it.
@@ -49,15 +50,17 @@ impl Answer {
     pub fn start(&self, inverse: &InverseProblem<'_>, problem: &Collocation<'_>) -> Start {
         let stretch = self.stretch(problem.scheme);
         let x = problem.scheme.compose(&Transferred { answer: self, inverse, stretch });
-        let same = self.equations.iter().zip(&inverse.control.equations).all(|(a, b)| a.name == b.name);
+        let pairs = self.equations.iter().zip(&inverse.control.equations);
+        let same = pairs.clone().all(|(a, b)| a.name == b.name && a.rows.count == b.rows.count);
         let is_same = same && self.equations.len() == inverse.control.equations.len();
         Start { x, multipliers: is_same.then(|| self.multipliers(problem)) }
     }
 
-    /// The quantity of this answer that has the name of one of another problem.
-    fn quantity(&self, inverse: &InverseProblem<'_>, id: QuantityId) -> Option<QuantityId> {
-        let name = inverse.control.quantity(id).name;
-        self.quantities.iter().position(|quantity| quantity.name == name).map(QuantityId)
+    /// The function of this answer with this name.
+    fn function(&self, quantity: &str, member: &str) -> Option<(QuantityId, usize)> {
+        let id = self.quantities.iter().position(|own| own.name == quantity)?;
+        let member = self.quantities[id].members.iter().position(|own| own == member)?;
+        Some((QuantityId(id), member))
     }
 
     /// Activation of muscle `m` at time `t` (s).
@@ -114,8 +117,8 @@ fn nearest(times: &[f64], t: f64) -> usize {
     if after > 0 && t - times[after - 1] < times[after] - t { after - 1 } else { after }
 }
 
-/// The functions of time of a solution, stretched to the duration of the new problem. Quantities that the solution does not
-/// have are zero.
+/// The functions of time of a solution, by name, stretched to the duration of the new problem. Those that the solution does
+/// not have are zero.
 struct Transferred<'a> {
     answer: &'a Answer,
     inverse: &'a InverseProblem<'a>,
@@ -125,24 +128,21 @@ struct Transferred<'a> {
 
 impl Trajectory for Transferred<'_> {
     fn value(&self, t: f64, quantity: QuantityId, member: usize, derivative: usize) -> f64 {
-        let (answer, motion) = (self.answer, &self.inverse.motion);
+        let answer = self.answer;
+        let new = self.inverse.control.quantity(quantity);
         let scale = self.stretch.powi(derivative as i32);
+        let find = |name: &str| answer.function(name, &new.members[member]);
         // Derivatives of coordinates are best taken from the velocities, and velocities may have to be taken from coordinates.
-        let coordinate = answer.quantity(self.inverse, motion.coordinate);
-        let velocity = answer.quantities.iter().position(|quantity| quantity.name == "velocity").map(QuantityId);
-        let (from, level, scale) = if Some(quantity) == motion.velocity {
-            match velocity {
-                Some(velocity) => (Some(velocity), derivative, scale * self.stretch),
-                None => (coordinate, derivative + 1, scale * self.stretch),
-            }
-        } else if quantity == motion.coordinate && derivative > 0 && velocity.is_some() {
-            (velocity, derivative - 1, scale)
-        } else if self.inverse.control.quantity(quantity).name == "stabiliser" {
+        let (from, level, scale) = match (new.name, find("velocity")) {
+            ("velocity", Some(velocity)) => (Some(velocity), derivative, scale * self.stretch),
+            ("velocity", None) => (find("coordinate"), derivative + 1, scale * self.stretch),
+            ("coordinate", Some(velocity)) if derivative > 0 => (Some(velocity), derivative - 1, scale),
             // Zero but for the discretisation's error.
-            (None, 0, 1.0)
-        } else {
-            (answer.quantity(self.inverse, quantity), derivative, scale)
+            ("stabiliser", _) => (None, 0, 1.0),
+            (name, _) => (find(name), derivative, scale),
         };
-        from.map_or(0.0, |from| scale * evaluate(&answer.scheme.at(t * self.stretch, from, member, level), &answer.x))
+        from.map_or(0.0, |(from, member)| {
+            scale * evaluate(&answer.scheme.at(t * self.stretch, from, member, level), &answer.x)
+        })
     }
 }

@@ -76,9 +76,11 @@ fn list_settings(look: Look) -> Result<()> {
 /// motion, with their neutral values.
 fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
     let is_spatial = is_spatial(file);
+    let mut turns = Vec::new();
     let (table, coordinates): (_, Vec<(String, bool)>) = if is_spatial {
         let (table, skeleton) = load_skeleton(file)?;
         let free = skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
+        turns.extend(skeleton.turns.iter().map(|turn| (format!("motion.{}_offset_deg", turn.name), 0.0)));
         (table, free.map(|c| (c.name.clone(), c.is_angle)).collect())
     } else {
         let (table, model) = load_model(file)?;
@@ -97,6 +99,7 @@ fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
         let unit = if is_angle { "deg" } else { "m" };
         found.extend([(format!("motion.{name}_offset_{unit}"), 0.0), (format!("motion.{name}_scale"), 1.0)]);
     }
+    found.extend(turns);
     Ok(found)
 }
 

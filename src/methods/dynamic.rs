@@ -178,23 +178,25 @@ fn add_actuators<'m>(
     settings: &Settings,
 ) -> Vec<Drive<'m>> {
     let Some(planar) = model.planar() else { return Vec::new() };
-    let own = model.actuators.iter().map(|a| (a.coordinate.as_str(), a.name.as_str(), a.optimal_force, a.control, 1.0));
+    let own = model.actuators.iter().map(|a| (a.coordinate.as_str(), a.name.clone(), a.optimal_force, a.control, 1.0));
     let free = [f64::NEG_INFINITY, f64::INFINITY];
     let reserves = (planar.coordinates_of_joints())
-        .map(|(_, name)| (name, name, settings.reserve(name), free, settings.reserve_weight))
+        // No name of the model has a point.
+        .map(|(_, name)| (name, format!("reserve.{name}"), settings.reserve(name), free, settings.reserve_weight))
         .filter(|(_, _, moment, ..)| *moment > 0.0);
     let all: Vec<_> = own.chain(reserves).collect();
     if all.is_empty() {
         return Vec::new();
     }
-    let names = all.iter().map(|(_, name, ..)| (*name).to_owned()).collect();
+    let names = all.iter().map(|(_, name, ..)| name.clone()).collect();
     let quantity = problem.quantity("actuator", names, Kind::Control);
     let controls = problem.read(quantity, 0);
     let weight = model.weight();
     let mut drives = Vec::new();
     for (member, (coordinate, name, moment, bounds, cost)) in all.into_iter().enumerate() {
-        let mut joints = planar.coordinates_of_joints().filter(|(_, known)| *known == coordinate);
-        let (joint, _) = joints.next().expect("checked with the model");
+        let mut joints = planar.coordinates_of_joints().enumerate();
+        let found = joints.find_map(|(k, (joint, known))| (known == coordinate).then_some((k, joint)));
+        let (coordinate, joint) = found.expect("checked with the model");
         let control = controls.at(member);
         problem.block(Reserve {
             joint,
@@ -206,10 +208,10 @@ fn add_actuators<'m>(
         });
         let limits = [("control", Bounded::Below(control)), ("control_upper", Bounded::Above(control))];
         for ((limit, bounded), bound) in limits.into_iter().zip(bounds).filter(|(_, bound)| bound.is_finite()) {
-            problem.limit(limit, name, bounded, bound);
+            problem.limit(limit, &name, bounded, bound);
         }
-        let (name, is_reserve) = (name.to_owned(), member >= model.actuators.len());
-        drives.push(Drive { name, is_reserve, joint, moment, bounds, weight: cost, quantity, member, control });
+        let is_reserve = member >= model.actuators.len();
+        drives.push(Drive { name, is_reserve, joint, coordinate, moment, bounds, weight: cost, quantity, control });
     }
     drives
 }

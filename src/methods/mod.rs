@@ -24,11 +24,12 @@ pub struct InverseProblem<'m> {
 /// A reserve, or an actuator of the model, at a joint coordinate.
 #[derive(Clone, Debug)]
 pub struct Drive<'m> {
-    /// Of a reserve that of its coordinate.
+    /// Of a reserve `reserve.` and that of its coordinate.
     pub name: String,
     pub is_reserve: bool,
-    /// The joint whose coordinate it drives.
+    /// The joint whose coordinate it drives, and the number of that coordinate.
     pub joint: &'m Joint,
+    pub coordinate: usize,
     /// Moment (N m) or force (N) at a control of 1.
     pub moment: f64,
     /// Bounds on its control.
@@ -36,7 +37,6 @@ pub struct Drive<'m> {
     /// Weight of its squared control relative to squared activations.
     pub weight: f64,
     pub quantity: QuantityId,
-    pub member: usize,
     /// Its control among the variables.
     pub control: usize,
 }

@@ -17,7 +17,7 @@
 //! - Per muscle, those bounds' rows − their rank. An idle muscle gives p − 1 at midpoint, s (p − 1) with radau.
 //! - + the dependent joint constraints at every point: of Φ, and in the stabilised form of Φ and Φ_q v together.
 //!
-//! With μ = 0 and no bound active, [Aᵀ Jᵀ] has `2 nm − (linear rows on l) + P (nm + nr + nc − nq)` + the dependent joint constraints, P the number
+//! With μ = 0 and no bound active, [Aᵀ Jᵀ] has `2 nm − (linear rows on l) + P (nm + nr + nc − nq)` + the dependent joint constraints, nr actuators, P the number
 //! of complete points, and with radau `nq − nc` more: the velocity at t_1 is not tracked and acts on the first forces only. With active
 //! bounds no count is given.
 
@@ -91,10 +91,9 @@ pub fn predict(
     let model = inverse.model;
     let locals: Vec<Vec<f64>> = (0..problem.points.len()).map(|j| problem.local(j, x)).collect();
     let joints = dependent_joint_constraints(inverse, problem, &locals);
-    let (mut a, mut free, mut active_bounds) = (joints.rows, 0, 0);
+    let (mut a, mut free) = (joints.rows, 0);
     for m in 0..model.muscles.len() {
         let mut rows = active_rows(inverse, problem, &locals, active, m);
-        active_bounds += rows.len();
         a += rows.len() - rank_of(&rows).0;
         if let Some(sharing) = setting.sharing.get(m) {
             rows.extend(sharing.iter().cloned());
@@ -112,7 +111,7 @@ pub fn predict(
         None
     } else if !setting.sharing.is_empty() {
         Some(free + joints.free_reactions)
-    } else if active_bounds == 0 {
+    } else if active.is_empty() {
         let muscles = model.muscles.len();
         let linear: usize = (0..muscles).map(|m| linear_rows_on_length(inverse, problem, m).len()).sum();
         // nm + nc − nq may be negative for a model with fewer muscles than degrees of freedom.

@@ -65,7 +65,7 @@ impl JointMotion {
         pose
     }
 
-    /// BodyPoses of all bodies of the skeleton at time `t` (s), with their rates in the dual parts.
+    /// Poses of all bodies of the skeleton at time `t` (s), with their rates in the dual parts.
     fn frames(&self, t: f64) -> BodyPoses<Dual64> {
         let skeleton = &self.spatial.skeleton;
         let pose = self.pose(t);
@@ -137,7 +137,7 @@ impl JointMotion {
     }
 }
 
-/// BodyPoses of all bodies of the skeleton.
+/// Poses of all bodies of the skeleton.
 struct BodyPoses<T>(Vec<Frame<T>>);
 
 impl BodyPoses<Dual64> {

@@ -89,7 +89,17 @@ pub struct PlannedJob {
 /// The settings as a JSON object.
 pub fn fields(settings: &crate::settings::Settings) -> Map<String, Json> {
     match serde_json::to_value(settings) {
-        Ok(Json::Object(map)) => map,
+        // Defaults that are no part of a job's identity are left out there, but not here.
+        Ok(Json::Object(mut map)) => {
+            for name in crate::settings::NAMES {
+                let value = settings.get(name).map(|value| serde_json::to_value(value).expect("plain data"));
+                if let Some(value) = value.filter(|_| !map.contains_key(*name)) {
+                    map.insert((*name).to_owned(), value);
+                }
+            }
+            map.entry("reserves_at").or_insert_with(|| Json::Array(Vec::new()));
+            map
+        }
         _ => unreachable!("settings are a struct"),
     }
 }

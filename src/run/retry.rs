@@ -81,8 +81,17 @@ fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
         false => a + share * (b - a),
     };
     let mut job = to.clone();
-    job.settings.mu = mix(from.settings.mu, to.settings.mu);
     let linear = |a: f64, b: f64| a + share * (b - a);
+    let (old, new) = (&from.settings, &to.settings);
+    job.settings.mu = mix(old.mu, new.mu);
+    job.settings.reserve_weight = mix(old.reserve_weight, new.reserve_weight);
+    job.settings.effort_power = linear(old.effort_power, new.effort_power);
+    // A reserve that only the target has is there from the start.
+    let reserve = |a: f64, b: f64| if a > 0.0 && b > 0.0 { linear(a, b) } else { b };
+    job.settings.reserves = reserve(old.reserves, new.reserves);
+    for (coordinate, moment) in &mut job.settings.reserves_at {
+        *moment = reserve(old.reserve(coordinate), *moment);
+    }
     let unmoved = (0.0, 1.0);
     let motion = |job: &Job, name: &str| {
         job.settings.motion.iter().find(|(n, ..)| n == name).map_or(unmoved, |(_, offset, scale)| (*offset, *scale))

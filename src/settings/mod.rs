@@ -314,6 +314,12 @@ impl Settings {
         if !self.has_reserves() {
             same.reserve_weight = 1.0;
         }
+        if self.mu == 0.0 {
+            same.effort_power = 2.0;
+        }
+        if self.effort_power != 2.0 {
+            same.load_sharing_grid = Self::default().load_sharing_grid;
+        }
         if self.scheme == Scheme::Midpoint {
             (same.stages, same.initial) = (1, Initial::Equilibrium);
         }

@@ -434,6 +434,11 @@ impl SkeletonFile {
     /// # Errors
     /// All mistakes, each with its location.
     pub fn load(file: &SourceFile) -> Result<Skeleton> {
+        if file.text.lines().any(|line| line.trim() == "[abduction]") {
+            let help = "write `[[turn]]` and `name = \"abduction\"` in its place";
+            let message = format!("{}: the table `[abduction]` is now a `[[turn]]`", file.path.display());
+            return Err(file.error(None, message, "", Some(help.to_owned())));
+        }
         file.toml::<Self>()?.check_all().map_err(|issues| Issue::all_in_file(&issues, file))
     }
 

@@ -53,6 +53,7 @@ pub enum Role {
     /// forces
     Free,
     /// the motion file
+    #[serde(alias = "girdle")]
     Given,
     /// nothing: it keeps its pose at the start of the motion, and bodies on it keep their orientation in space
     Fixed,

@@ -155,6 +155,12 @@ impl Solution<'_> {
         worst
     }
 
+    /// The quadrature weights of the points where every function has a value, s.
+    fn weights(&self) -> Vec<f64> {
+        let points = self.problem.points.iter();
+        self.problem.scheme.quadrature().into_iter().zip(points).filter(|(_, p)| p.complete).map(|(w, _)| w).collect()
+    }
+
     /// ∫Σy² dt over the functions of a quantity.
     fn square(&self, quantity: QuantityId) -> f64 {
         let members = self.inverse.control.quantity(quantity).members.len();

@@ -55,7 +55,7 @@ impl Solution<'_> {
 
     pub fn muscle_rows(&self) -> Vec<MuscleRow> {
         let (locals, complete) = (self.locals(), self.complete_locals());
-        let weights = self.scheme_weights();
+        let weights = self.weights();
         let variables = &self.inverse.muscles;
         let duration = self.duration();
         let idle = self.inverse.idle(self.problem, &self.iterate.x);

@@ -47,7 +47,9 @@ pub fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<()
 
 /// Refuses `muscle.triceps.… =` without quotes, which TOML reads as nested tables.
 pub fn check_quoted(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
-    if let (toml::Value::Table(inner), true) = (spec, super::change::GROUPS.contains(&name) || name == "motion") {
+    if let (toml::Value::Table(inner), true) =
+        (spec, super::change::GROUPS.contains(&name) || ["motion", "warn", "reserves"].contains(&name))
+    {
         let first = inner.keys().next().map_or("…", String::as_str);
         return Err(issue(
             place.to_vec(),

@@ -158,6 +158,10 @@ impl ModelChange {
     /// # Errors
     /// If it is not, or not finite.
     pub fn check(model: &toml::Table, path: &str, value: &Value) -> Result<(), InvalidValue> {
+        if path.ends_with(".name") || path.ends_with(".coordinate") {
+            let help = "paths and motions address parts by these: change them in the model file";
+            return Err(InvalidValue::new(format!("`{path}` is a name"), help));
+        }
         let own = if path.ends_with("_scale") { Some(Value::Number(1.0)) } else { value_at(model, path) };
         let fits = match (value, &own) {
             (Value::Integer(_) | Value::Number(_), None | Some(Value::Integer(_) | Value::Number(_))) => {
@@ -258,7 +262,7 @@ impl ModelChange {
                     }
                 }
             }
-            _ => Err(InvalidValue::new(format!("`{}` continues past a number", self.path), "shorten the path")),
+            _ => Err(InvalidValue::new(format!("`{}` continues past a value", self.path), "shorten the path")),
         }
     }
 
@@ -279,8 +283,8 @@ impl ModelChange {
         }
         match table.get(key) {
             Some(value) if Value::of(value).is_none() => Err(InvalidValue::new(
-                format!("`{}` is not a numeric parameter of the model", self.path),
-                "only numbers, texts and flags can be changed",
+                format!("`{}` is a list or a table", self.path),
+                "continue the path to a single value",
             )),
             // A value that the file omits may be set; an unknown key fails when the model is checked.
             _ => {

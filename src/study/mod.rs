@@ -108,7 +108,7 @@ impl Study {
         let model_hash = canonical_hash(&model_table);
         let motion_hash = blake3::hash(sources.motion.text.as_bytes()).to_hex().to_string();
         let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
-        plan.check_models(&jobs).map_err(fail)?;
+        plan.check_models(&motion, &jobs).map_err(fail)?;
         plan.check_settings(&model, &jobs).map_err(fail)?;
         plan.check_smoothing(&motion, &jobs).map_err(fail)?;
         check_held_points(&model, &motion, &plan.base, &sources.motion)?;

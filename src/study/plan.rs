@@ -88,6 +88,8 @@ pub struct Plan<'m> {
     paths: HashMap<Arc<str>, Vec<String>>,
     /// The model's joint coordinates, each with whether it is an angle.
     coordinates: Vec<(String, bool)>,
+    /// The model's turns.
+    turns: Vec<String>,
     /// The coordinates that changes of the motion do not affect, each with the reason.
     unmoved: Vec<(String, &'static str)>,
     /// Names whose values may differ greatly from the model's.
@@ -119,6 +121,7 @@ impl<'m> Plan<'m> {
             axes: IndexMap::new(),
             paths: HashMap::new(),
             coordinates,
+            turns: model.mechanics.turns().into_iter().map(str::to_owned).collect(),
             unmoved: model.mechanics.unmoved_coordinates(),
             confirmed: &file.confirm,
             model_table,
@@ -245,6 +248,10 @@ impl<'m> Plan<'m> {
     /// Refuses a change of the motion that would not move its coordinate.
     fn check_moves(&self, name: &str) -> std::result::Result<(), InvalidValue> {
         let change = name.strip_prefix("motion.").unwrap_or("");
+        if change.strip_suffix("_scale").is_some_and(|turn| self.turns.iter().any(|known| known == turn)) {
+            let help = "a turn has no motion of its own to scale: use its _offset_deg";
+            return Err(InvalidValue::new(format!("`{name}` would have no effect"), help));
+        }
         let of = |(coordinate, _): &&(String, &str)| {
             change
                 .strip_prefix(coordinate.as_str())
@@ -430,15 +437,26 @@ impl<'m> Plan<'m> {
         Ok((settings, changes))
     }
 
-    /// Checks the changed models, up to [`CHECKED_MODELS`] of them.
-    pub fn check_models(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
-        let changed: Vec<&Job> = jobs.iter().filter(|job| job.changes != self.base_changes).collect();
+    /// Checks the changed models, up to [`CHECKED_MODELS`] of them: that they are valid, and that the motion has what they
+    /// need.
+    pub fn check_models(&self, motion: &MotionTable, jobs: &[Job]) -> std::result::Result<(), Issue> {
+        let changed: Vec<&Job> = jobs.iter().filter(|job| !job.changes.is_empty()).collect();
         let stride = changed.len().div_ceil(CHECKED_MODELS).max(1);
         let mut before: Option<&[ModelChange]> = None;
         for job in changed.into_iter().step_by(stride) {
             if before != Some(&job.changes[..]) {
-                changed_model(self.model_table, &job.changes)
+                let model = changed_model(self.model_table, &job.changes)
                     .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
+                let needed = model.mechanics.needed_coordinates();
+                if let Some(missing) = needed.iter().find(|name| motion.column(name).is_none()) {
+                    let role = job.changes.iter().find(|change| change.path.ends_with(".role"));
+                    let place = self.place(role.map_or("", |change| &change.path));
+                    let message =
+                        format!("with these roles the motion needs a column for `{missing}`, which it does not have");
+                    let help =
+                        "add the column to the motion file, or let the body follow the motion (role = \"given\")";
+                    return Err(complaint_at(place, InvalidValue::new(message, help)));
+                }
             }
             before = Some(&job.changes);
         }
@@ -466,6 +484,19 @@ impl<'m> Plan<'m> {
                 let message = format!("{} with bounds = \"{}\"", job.settings.effort_power, job.settings.bounds.name());
                 let help = "a power other than 2 needs a ≥ 0: set bounds = \"both\", or another with activation";
                 return Err(complaint_at(self.place("effort_power"), InvalidValue::new(message, help)));
+            }
+            let has_actuators = job.settings.has_reserves() || !model.actuators.is_empty();
+            if job.settings.mu == 0.0 && has_actuators {
+                let help = "with mu = 0 reserves and actuators cost nothing, so that their loads would be arbitrary: set a \
+                            positive mu, such as 0.01";
+                return Err(complaint_at(
+                    self.place("mu"),
+                    InvalidValue::new("mu = 0 with reserves or actuators", help),
+                ));
+            }
+            if spatial && let Some(change) = job.changes.iter().find(|change| change.path.starts_with("actuator.")) {
+                let help = "actuators have no effect on spatial models yet: remove the key";
+                return Err(complaint_at(self.place(&change.path), InvalidValue::new("the model is spatial", help)));
             }
             if spatial && job.settings.has_reserves() {
                 let help = "reserves need a planar model: remove the key";

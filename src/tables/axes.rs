@@ -89,6 +89,8 @@ pub fn unit(name: &str) -> &'static str {
     ];
     match name {
         "h" => "s",
+        "reserves" => "N m or N",
+        _ if name.starts_with("reserves.") || name.ends_with(".optimal_force") => "N m or N",
         "memory_limit_mb" => "MB",
         "noise_sd" => "m, rad",
         "scheme" | "initial" | "bounds" | "load_sharing_grid" | "warm_start" | "regularity" | "trajectories" => "",

@@ -245,7 +245,7 @@ fn jobs<'o>() -> Vec<Column<Line<'o, JobRow>>> {
         C::number("complementarity", "1", "largest |slack of a bound × its multiplier|", |l| l.row.complementarity),
         C::integer("n_variables", "number of unknowns", |l| l.row.n_variables),
         C::integer("n_equalities", "number of equality constraints", |l| l.row.n_equalities),
-        C::integer("n_active", "number of active bounds on activations and excitations", |l| l.row.n_active),
+        C::integer("n_active", "number of active bounds on activations, excitations and controls", |l| l.row.n_active),
         C::integer(
             "n_active_force",
             "number of active conditions f_m ≥ 0, which are imposed if a ≥ 0 is not; the thesis' ranks exclude them",
@@ -489,7 +489,7 @@ fn reserves<'o>() -> Vec<Column<Line<'o, ReserveRow>>> {
         job_id(),
         status(),
         C::text("coordinate", "name of the joint coordinate", |l| Some(l.row.coordinate.clone())),
-        C::text("actuator", "name of the actuator; of a reserve that of its coordinate", |l| {
+        C::text("actuator", "name of the actuator; of a reserve `reserve.` and that of its coordinate", |l| {
             Some(l.row.actuator.clone())
         }),
         C::flag("is_reserve", "true for a reserve, false for an actuator of the model", |l| Some(l.row.is_reserve)),

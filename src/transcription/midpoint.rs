@@ -3,12 +3,12 @@
 //! `p` collocation points `t_j = (j − 1) h`; breakpoints at the midpoints between neighbouring points, and the two ends:
 //! `p` spans. A function of degree d has `p + d` coefficients: p equations at the points, and d initial values φ, which
 //! are unknowns with equality rows of their own (thesis, Paper B eq. 13). A function has "the same degree as its highest
-//! derivative": body coordinates 2, fibre length and activation 1, excitation and reactions 0.
+//! derivative": body coordinates 2, fibre length and activation 1, excitation, reactions and controls r of actuators 0.
 //!
 //! Order of the decision vector, which keeps the problem banded in time, with coefficient k of each spline in block k:
 //!
 //! ```text
-//! φ = q, q̇, l, a at t_1 | span 1: q l a u f_r | span 2: q l a u f_r | … | span p | tail: q l a | q
+//! φ = q, q̇, l, a at t_1 | span 1: q l a u f_r r | span 2: q l a u f_r r | … | span p | tail: q l a | q
 //! ```
 //!
 //! One point in the middle of a span is the implicit midpoint rule, which damps nothing: fibre velocities alternate

@@ -8,6 +8,7 @@ use sinew::internals::model::file::ModelFile;
 use sinew::internals::nlp::iterate::Iterate;
 use sinew::internals::nlp::regularity;
 use sinew::internals::outcome::{Outcome, Status};
+use sinew::internals::run::{RunOptions, run};
 use sinew::internals::settings::{Bounds, RegularityMode, Scheme};
 use sinew::internals::solve::solve;
 
@@ -58,7 +59,7 @@ fn muscles_and_reserve_make_the_moment_of_inverse_dynamics() {
     };
     let planar = arm.planar().unwrap();
     let forearm = &planar.bodies[1];
-    let reserve = at("actuator_moment_n_m", "elbow_angle");
+    let reserve = at("actuator_moment_n_m", "reserve.elbow_angle");
     assert!(reserve.len() > 30);
     let [x, y, turn] = ["x", "y", "angle"].map(|axis| at("acceleration", &format!("{}.{axis}", forearm.name)));
     let angles = ["shoulder_angle", "elbow_angle"].map(|name| at("joint_coordinate", name));
@@ -162,5 +163,43 @@ fn mistakes_are_told_apart() {
     let said = study("arm", "reserves = { elbow_angel = 2.0 }");
     assert!(said.contains("elbow_angel") && said.contains("elbow_angle"), "{said}");
     assert!(study("arm", "reserves = -1").contains("N m"));
+    assert!(study("arm", "reserves = 5\nmu = 0").contains("arbitrary"));
     assert!(study("upper_limb", "h = 0.1\nreserves = 5.0").contains("planar"));
+}
+
+/// The reserves of neighbouring jobs differ, and with them the unknowns: functions are found by name.
+#[test]
+fn a_warm_start_from_other_reserves_finds_its_functions_by_name() {
+    let text = |warm: &str| {
+        format!(
+            "name = \"s\"\nmodel = \"{{root}}/data/models/arm.toml\"\nmotion = \"{{root}}/data/motions/arm_curl.csv\"\n[base]\n\
+             h = 0.1\nstages = 2\nregularity = \"off\"\nwarm_start = \"{warm}\"\n\"reserves.elbow_angle\" = 5.0\n\
+             [sweep.grid]\n\"reserves.shoulder_angle\" = [0, 5, 0.5]\n"
+        )
+    };
+    let objectives = |warm: &str| -> Vec<f64> {
+        let folder = folder(&[("study.toml", &text(warm))]);
+        let (_, study) = super::support::study(&folder);
+        let out = folder.path().join("out");
+        let options = RunOptions { out: out.clone(), threads: Some(1), ..RunOptions::default() };
+        run(&study, &options, &false.into()).unwrap();
+        let table = sinew::internals::tables::read("jobs", &out.join("jobs.parquet")).unwrap();
+        (0..table.rows()).map(|row| table.number("objective", row).unwrap()).collect()
+    };
+    let (cold, warm) = (objectives("off"), objectives("neighbour"));
+    assert_eq!(cold.len(), 3);
+    assert!(cold.iter().zip(&warm).all(|(a, b)| (a / b - 1.0).abs() < 1e-6), "{cold:?} {warm:?}");
+}
+
+/// A crank has joints that close a loop, where no net moment belongs to one coordinate.
+#[test]
+fn a_reserve_whose_share_is_unknown_has_a_warning() {
+    let model = model("pedal.toml");
+    let settings = settings(|s| (s.scheme, s.stages, s.reserves) = (Scheme::Radau, 1, 1.0));
+    let motion = motion("pedal_turn.csv", &model);
+    let points = settings.points(motion.duration()).unwrap();
+    let outcome = solve(&model, &motion, &settings, points);
+    assert_eq!(outcome.job.status, Status::Converged, "{:?}", outcome.job.error);
+    assert!(outcome.reserves.iter().all(|row| row.share.is_none()));
+    assert!(outcome.job.remark.unwrap().contains("unknown share"));
 }
