@@ -344,7 +344,7 @@ fn the_abduction_study_is_there_to_look_at() {
             &format!("ratio-over-{axis}-teres_major_to_latissimus_dorsi_impulse"),
         ],
     );
-    has(&seen.maps, &[&format!("mean_force_n-over-{axis}-and-body.clavicle,scapula.role-TeresMajor")]);
+    has(&seen.maps, &[&format!("mean_force_n-over-{axis}-and-body.clavicle_scapula.role-TeresMajor")]);
 }
 
 #[test]
