@@ -163,7 +163,7 @@ pub struct RankCounter<'p> {
     /// Slots in both of each entry of the equality and of the inequality Jacobian.
     equality_slots: [Vec<usize>; 2],
     inequality_slots: [Vec<usize>; 2],
-    /// Slots of each entry of the objective's rows in the second.
+    /// Slots of each entry of the objective's rows in the second, if they change with x.
     objective_slots: Vec<usize>,
     spectra: [StagedSpectrum; 2],
     /// Once this has passed nothing is counted any more.
@@ -192,8 +192,13 @@ impl<'p> RankCounter<'p> {
             }
             let mut matrix = pattern.build();
             if with_residuals {
-                objective_slots = residuals.entries().map(|(i, j, _)| pattern.slot(rows_a + i, j)).collect();
-                objective_slots.iter().zip(&residuals.values).for_each(|(&slot, value)| matrix.values[slot] = *value);
+                for (i, j, slot) in residuals.entries() {
+                    let place = pattern.slot(rows_a + i, j);
+                    matrix.values[place] = residuals.values[slot];
+                    if problem.term().is_some() {
+                        objective_slots.push(place);
+                    }
+                }
             }
             let equality_slots: Vec<usize> = equalities.entries().map(|(i, j, _)| pattern.slot(i, j)).collect();
             let inequality_slots: Vec<usize> =

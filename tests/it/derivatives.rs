@@ -33,6 +33,8 @@ fn jacobians_and_hessian_of_the_whole_problem_agree_with_differences() {
         let settings = settings(|s| {
             s.bounds = Bounds::ExcitationBoxed;
             (s.scheme, s.stages) = (scheme, stages);
+            // The convex term, beside the least squares.
+            s.effort_power = if stages == 3 { 3.0 } else { 2.0 };
         });
         let prepared = prepare(&model, &table, &settings, points);
         let problem = prepared.transcribe();

@@ -61,6 +61,32 @@ fn sensitivities_are_those_of_solving_again() {
     assert!(largest > 1.0, "μ moves loads");
 }
 
+/// With p > 2 the objective is no sum of squares: its curvature takes the place of JᵀJ in ranks and sensitivities.
+#[test]
+fn efforts_of_higher_powers_spread_the_load_and_are_unique() {
+    let arm = model("arm.toml");
+    let table = motion("arm_curl.csv", &arm);
+    let at = |power: f64, mu: f64| {
+        let settings = radau(|s| (s.effort_power, s.mu, s.bounds) = (power, mu, Bounds::Both));
+        solve(&arm, &table, &settings, 11)
+    };
+    let (low, high) = (at(2.5, 0.2), at(4.0, 0.2));
+    for outcome in [&low, &high] {
+        assert_eq!(outcome.job.status, sinew::internals::outcome::Status::Converged, "{:?}", outcome.job.error);
+        let row = outcome.regularity.as_ref().unwrap();
+        assert_eq!((row.prediction_agrees, row.loads_unique), (Some(true), Some(true)), "{row:?}");
+    }
+    let peak = |outcome: &Outcome| outcome.muscles.iter().map(|m| m.peak_activation).fold(0.0, f64::max);
+    assert!(peak(&high) < peak(&low), "{} {}", peak(&high), peak(&low));
+    let step = 1e-4;
+    let (less, more) = (at(4.0, 0.2 - step), at(4.0, 0.2 + step));
+    for (m, row) in high.muscles.iter().enumerate() {
+        let by_mu = (more.muscles[m].mean_force_n - less.muscles[m].mean_force_n) / (2.0 * step);
+        let found = slope(&high, &row.muscle, "mu");
+        assert!((found - by_mu).abs() < 1e-2 * (0.1 + by_mu.abs()), "{}: {found} {by_mu}", row.muscle);
+    }
+}
+
 #[test]
 fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction() {
     let arm = model("arm.toml");
