@@ -195,7 +195,7 @@ pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> O
     Some(right)
 }
 
-/// All body coordinates, those with prescribed motion last.
+/// All body coordinates, those of given motion last.
 fn all_coordinates(inverse: &InverseProblem<'_>, t: f64, q: &[f64]) -> Vec<f64> {
     let mut all = inverse.motion.all.of(&inverse.control.given_at(t)).to_vec();
     all[..q.len()].copy_from_slice(q);

@@ -1,4 +1,4 @@
-//! Known functions of time that act on a model: external forces, and the motion of bodies whose motion is prescribed.
+//! Known functions of time that act on a model: external forces, and the motion of bodies whose motion is given.
 
 use std::sync::Arc;
 
@@ -6,11 +6,11 @@ use super::joint_motion::JointMotion;
 use crate::model::Model;
 use crate::numerics::cubic::CubicSpline;
 
-/// External forces and prescribed motion.
+/// External forces and given motion.
 #[derive(Clone, Debug, Default)]
 pub struct Surroundings {
     loads: Vec<Load>,
-    /// Motion of a spatial model in which some bodies have prescribed motion.
+    /// Motion of a spatial model in which some bodies have given motion.
     motion: Option<Arc<JointMotion>>,
 }
 
@@ -23,7 +23,7 @@ pub enum Load {
 }
 
 impl Surroundings {
-    /// The constant forces of the model, without prescribed motion.
+    /// The constant forces of the model, without given motion.
     pub fn constant(model: &Model) -> Self {
         let loads = model.mechanics.constant_loads().into_iter().map(Load::Constant).collect();
         Self { loads, motion: None }
@@ -42,7 +42,7 @@ impl Surroundings {
         self.loads.iter().map(at).collect()
     }
 
-    /// Coordinates of the bodies with prescribed motion, and their rates; empty if there are none.
+    /// Coordinates of the bodies of given motion, and their rates; empty if there are none.
     pub fn given(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
         self.motion.as_ref().map_or_else(Default::default, |motion| motion.given(t))
     }
