@@ -4,8 +4,7 @@
 use serde_json::Value as Json;
 
 use crate::model::file::ModelFile;
-use crate::settings::{Limits, Value};
-use crate::settings::{NAMES, Settings};
+use crate::settings::{Limits, NAMES, Settings, Value};
 use crate::skeleton::file::SkeletonFile;
 use crate::study::file;
 use crate::tables::{Table, Values};

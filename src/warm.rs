@@ -63,12 +63,6 @@ impl Answer {
         Some((QuantityId(id), member))
     }
 
-    /// Activation of muscle `m` at time `t` (s).
-    pub fn activation(&self, t: f64, m: usize) -> f64 {
-        let activation = self.quantities.iter().position(|quantity| quantity.name == "activation");
-        activation.map_or(f64::NAN, |id| evaluate(&self.scheme.at(t, QuantityId(id), m, 0), &self.x))
-    }
-
     /// Duration of this solution divided by that of the other.
     fn stretch(&self, scheme: &dyn Discretisation) -> f64 {
         let end = |scheme: &dyn Discretisation| *scheme.breakpoints().last().expect("a start and an end");

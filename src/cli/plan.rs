@@ -51,8 +51,7 @@ fn print_summary(study: &Study, reasons: &[Reason], out: &Path) {
     if !study.description.is_empty() {
         print(&study.description);
     }
-    let (bodies, joints, muscles) =
-        (model.mechanics.bodies_and_joints().0, model.mechanics.bodies_and_joints().1, model.muscles.len());
+    let ((bodies, joints), muscles) = (model.mechanics.bodies_and_joints(), model.muscles.len());
     let path = study.sources.model.path.display();
     print(&format!("model  {path} ({bodies} bodies, {joints} joints, {muscles} muscles)"));
     let (instants, duration) = (study.motion.time.len(), study.motion.duration());

@@ -96,7 +96,7 @@ impl<'s> Sink<'s> {
 }
 
 /// A recorded sparsity pattern.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Pattern {
     /// Distinct (row, column), sorted.
     pub entries: Vec<(usize, usize)>,

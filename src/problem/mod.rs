@@ -64,6 +64,7 @@ pub struct Limit {
 }
 
 /// An optimal-control problem without its goals.
+#[derive(Default)]
 pub struct ControlProblem<'m> {
     pub quantities: Vec<Quantity>,
     pub reads: Vec<Read>,
@@ -81,17 +82,9 @@ pub struct ControlProblem<'m> {
     convex_groups: Vec<(usize, Vec<usize>)>,
 }
 
-/// A [`ControlProblem`] while it is put together.
+/// A [`ControlProblem`] while it is put together, without its patterns.
 #[derive(Default)]
-pub struct Builder<'m> {
-    quantities: Vec<Quantity>,
-    reads: Vec<Read>,
-    equations: Vec<Equation>,
-    limits: Vec<Limit>,
-    at_rest: Vec<(QuantityId, usize)>,
-    given: Vec<(QuantityId, GivenFunction<'m>)>,
-    blocks: Vec<Box<dyn Block + 'm>>,
-}
+pub struct Builder<'m>(ControlProblem<'m>);
 
 impl<'m> Builder<'m> {
     /// Declares a quantity, measured in SI units.
@@ -101,8 +94,8 @@ impl<'m> Builder<'m> {
 
     /// Declares a quantity, measured in a multiple of its SI unit.
     pub fn quantity_in(&mut self, name: &'static str, members: Vec<String>, kind: Kind, unit: f64) -> QuantityId {
-        self.quantities.push(Quantity { name, members, kind, unit });
-        QuantityId(self.quantities.len() - 1)
+        self.0.quantities.push(Quantity { name, members, kind, unit });
+        QuantityId(self.0.quantities.len() - 1)
     }
 
     /// Declares functions known beforehand.
@@ -113,69 +106,57 @@ impl<'m> Builder<'m> {
         function: impl Fn(f64) -> (Vec<f64>, Vec<f64>) + Send + Sync + 'm,
     ) -> QuantityId {
         let id = self.quantity(name, members, Kind::Given);
-        self.given.push((id, Box::new(function)));
+        self.0.given.push((id, Box::new(function)));
         id
     }
 
     /// The variables that hold a derivative of a quantity.
     pub fn read(&mut self, quantity: QuantityId, derivative: usize) -> Span {
-        if let Some(read) = self.reads.iter().find(|r| r.quantity == quantity && r.derivative == derivative) {
+        if let Some(read) = self.0.reads.iter().find(|r| r.quantity == quantity && r.derivative == derivative) {
             return read.variables;
         }
-        let start = self.reads.last().map_or(0, |read| read.variables.range().end);
-        let variables = Span { start, count: self.quantities[quantity.0].members.len() };
-        self.reads.push(Read { quantity, derivative, variables });
+        let start = self.0.variables();
+        let variables = Span { start, count: self.0.quantities[quantity.0].members.len() };
+        self.0.reads.push(Read { quantity, derivative, variables });
         variables
     }
 
     /// Declares equations.
     pub fn equation(&mut self, name: &'static str, count: usize, is_printed: bool) -> Span {
-        let start = self.equations.last().map_or(0, |equation| equation.rows.range().end);
+        let start = self.0.rows();
         let rows = Span { start, count };
-        self.equations.push(Equation { name, rows, is_printed });
+        self.0.equations.push(Equation { name, rows, is_printed });
         rows
     }
 
     pub fn block(&mut self, block: impl Block + 'm) {
-        self.blocks.push(Box::new(block));
+        self.0.blocks.push(Box::new(block));
     }
 
     pub fn limit(&mut self, name: &'static str, member: &str, bounded: Bounded, bound: f64) {
-        self.limits.push(Limit { name, member: member.to_owned(), bounded, bound });
+        self.0.limits.push(Limit { name, member: member.to_owned(), bounded, bound });
     }
 
     pub fn at_rest(&mut self, quantity: QuantityId, member: usize) {
-        self.at_rest.push((quantity, member));
+        self.0.at_rest.push((quantity, member));
     }
 
     /// The problem; the last `functions` rows are functions for limits and not equations.
     pub fn build(self, functions: usize) -> ControlProblem<'m> {
-        let rows = self.equations.last().map_or(0, |equation| equation.rows.range().end);
-        let variables = self.reads.last().map_or(0, |read| read.variables.range().end);
-        let groups: Vec<Vec<usize>> = self.blocks.iter().flat_map(|block| block.convex_groups()).collect();
+        let problem = self.0;
+        let (rows, variables) = (problem.rows(), problem.variables());
+        let groups: Vec<Vec<usize>> = problem.blocks.iter().flat_map(|block| block.convex_groups()).collect();
         let pairs = groups
             .iter()
             .flat_map(|group| group.iter().flat_map(|&i| group.iter().filter(move |&&j| i <= j).map(move |&j| (i, j))));
         let sizes = (rows, variables);
-        let slopes = Pattern::record(&self.blocks, Order::Slopes, sizes, std::iter::empty());
+        let slopes = Pattern::record(&problem.blocks, Order::Slopes, sizes, std::iter::empty());
         let diagonal = (0..variables).map(|i| (i, i));
-        let bends = Pattern::record(&self.blocks, Order::Bends, sizes, pairs.chain(diagonal));
+        let bends = Pattern::record(&problem.blocks, Order::Bends, sizes, pairs.chain(diagonal));
         let place = |i: usize, j: usize| bends.place(i.min(j), i.max(j)).expect("groups are in the pattern");
         let places = |group: &Vec<usize>| group.iter().flat_map(|&i| group.iter().map(move |&j| place(i, j))).collect();
         let convex_groups = groups.iter().map(|group| (group.len(), places(group))).collect();
-        ControlProblem {
-            quantities: self.quantities,
-            reads: self.reads,
-            equations: self.equations,
-            functions,
-            limits: self.limits,
-            at_rest: self.at_rest,
-            given: self.given,
-            blocks: self.blocks,
-            slopes,
-            bends,
-            convex_groups,
-        }
+        ControlProblem { functions, slopes, bends, convex_groups, ..problem }
     }
 }
 
@@ -197,11 +178,6 @@ impl ControlProblem<'_> {
 
     pub fn quantity(&self, id: QuantityId) -> &Quantity {
         &self.quantities[id.0]
-    }
-
-    /// The quantity of this name.
-    pub fn find(&self, name: &str) -> Option<QuantityId> {
-        self.quantities.iter().position(|quantity| quantity.name == name).map(QuantityId)
     }
 
     /// Whether any function is known beforehand.

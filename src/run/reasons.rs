@@ -9,7 +9,7 @@ use super::store::Store;
 use crate::SOLVER;
 use crate::error::Result;
 use crate::outcome::Status;
-use crate::settings::Value;
+use crate::settings::{Settings, Value};
 use crate::study::{Job, SCHEMA_VERSION, Study};
 
 /// What is known about a job before a run.
@@ -121,8 +121,11 @@ impl EarlierPlan {
         if self.manifest.study.motion.hash != study.motion_hash {
             what.push("the motion file".to_owned());
         }
+        // A manifest of an older version has no settings that came later.
+        let defaults = fields(&Settings::default());
         for (name, now) in fields(&job.settings) {
-            let then = old.settings.get(&name).or_else(|| self.manifest.base.get(&name));
+            let then =
+                old.settings.get(&name).or_else(|| self.manifest.base.get(&name)).or_else(|| defaults.get(&name));
             if then != Some(&now) {
                 what.push(format!("{name} {} → {now}", then.map_or("unknown".to_owned(), ToString::to_string)));
             }

@@ -11,6 +11,8 @@ use crate::settings::Value;
 /// Largest number of jobs. A study with more is taken to be a mistake.
 pub const MAX_JOBS: usize = 1_000_000;
 
+const RANGE_KEYS: [&str; 4] = ["from", "to", "count", "scale"];
+
 /// What a sweep sets for one job.
 pub type SweepPoint = Vec<(Arc<str>, Value)>;
 
@@ -47,14 +49,16 @@ pub fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<()
 
 /// Refuses `muscle.triceps.… =` without quotes, which TOML reads as nested tables.
 pub fn check_quoted(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
-    if let (toml::Value::Table(inner), true) =
-        (spec, super::change::GROUPS.contains(&name) || ["motion", "warn", "reserves"].contains(&name))
-    {
+    let toml::Value::Table(inner) = spec else { return Ok(()) };
+    let is_group = super::change::GROUPS.contains(&name) || ["motion", "warn"].contains(&name);
+    // `reserves` is a setting, which may be a range, and a group.
+    if is_group || (name == "reserves" && !inner.keys().any(|key| RANGE_KEYS.contains(&key.as_str()))) {
         let first = inner.keys().next().map_or("…", String::as_str);
+        let more = if inner.values().next().is_some_and(toml::Value::is_table) { ".…" } else { "" };
         return Err(issue(
             place.to_vec(),
             format!("found the table `{name}`"),
-            format!("quote the whole name: \"{name}.{first}.…\" = […]"),
+            format!("quote the whole name: \"{name}.{first}{more}\" = […]"),
         ));
     }
     Ok(())
@@ -78,7 +82,7 @@ pub fn values(name: &str, spec: &toml::Value, place: &[String]) -> Result<Vec<Va
             .collect(),
         toml::Value::Table(table) => {
             for key in table.keys() {
-                if !["from", "to", "count", "scale"].contains(&key.as_str()) {
+                if !RANGE_KEYS.contains(&key.as_str()) {
                     return Err(issue(
                         at(place, &[key]),
                         format!("unknown key `{key}`"),

@@ -56,24 +56,18 @@ impl<'p> Collocation<'p> {
         let (points, linear) = (points(control, scheme), scheme.linear());
         let n = scheme.coefficients().total();
         let objective = Objective::new(scheme, goals);
-        let starts = |first: usize, counts: &dyn Fn(&Point) -> usize| {
-            let mut starts = vec![first];
-            points.iter().for_each(|point| starts.push(starts[starts.len() - 1] + counts(point)));
-            starts
-        };
-        let row_starts = starts(linear.len(), &|point| point.rows.len());
         let holds = |point: &Point, limit: &Limit| match limit.bounded {
             Bounded::Below(variable) | Bounded::Above(variable) => {
                 point.complete || control.is_known_at_start(variable)
             }
             Bounded::Function(_) => point.complete,
         };
-        let held = |point: &Point| control.limits.iter().filter(|limit| holds(point, limit)).count();
-        let bound_starts = starts(0, &held);
-        let mut bounds = Vec::new();
+        let (mut row_starts, mut bound_starts, mut bounds) = (vec![linear.len()], vec![0], Vec::new());
         for (j, point) in points.iter().enumerate() {
             let all = control.limits.iter().enumerate().filter(|(_, limit)| holds(point, limit));
             bounds.extend(all.map(|(limit, _)| Bound { limit, point: j }));
+            bound_starts.push(bounds.len());
+            row_starts.push(row_starts[j] + point.rows.len());
         }
         let equalities = equalities(control, &points, &linear, &row_starts, n);
         let inequalities = inequalities(control, &points, &bounds, n);

@@ -37,14 +37,14 @@ fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
     let outcome = sqp::solve(&prepared.transcribe(), guess, SqpSettings::default());
     assert_eq!(outcome.status, SqpStatus::Converged);
     let (points, breakpoints) = mesh(points, table.duration());
-    let find = |name| prepared.inverse.control.find(name).unwrap();
+    let (motion, muscles) = (&prepared.inverse.motion, &prepared.inverse.muscles);
     Solved {
         x: outcome.iterate.x,
         coefficients: prepared.scheme.coefficients().clone(),
-        coordinate: find("coordinate"),
-        length: find("fibre_length"),
-        activation: find("activation"),
-        excitation: find("excitation"),
+        coordinate: motion.coordinate,
+        length: muscles.fibre_length,
+        activation: muscles.activation,
+        excitation: muscles.excitation,
         points,
         spaces: [0, 1, 2].map(|degree| SplineSpace::new(degree, &breakpoints)),
     }

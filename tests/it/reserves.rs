@@ -160,6 +160,12 @@ fn mistakes_are_told_apart() {
         let error = sinew::internals::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
         format!("{:?}", miette::Report::new(error))
     };
+    let range = "[sweep.grid]\nreserves = { from = 1.0, to = 5.0, count = 3 }";
+    let text = format!(
+        "name = \"s\"\nmodel = \"{{root}}/data/models/arm.toml\"\nmotion = \"{{root}}/data/motions/arm_curl.csv\"\n{range}\n"
+    );
+    assert_eq!(super::support::study(&folder(&[("study.toml", &text)])).1.jobs.len(), 3);
+    assert!(study("arm", "[sweep.grid]\nreserves.elbow_angle = [0, 5]").contains("\"reserves.elbow_angle\""));
     let said = study("arm", "reserves = { elbow_angel = 2.0 }");
     assert!(said.contains("elbow_angel") && said.contains("elbow_angle"), "{said}");
     assert!(study("arm", "reserves = -1").contains("N m"));

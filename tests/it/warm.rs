@@ -22,6 +22,7 @@ fn an_answer_is_prolonged_exactly() {
         let problem = same.transcribe();
         let answer = answer.unwrap();
         let start = answer.start(&same.inverse, &problem);
+        let coarse = start.x.clone();
         // On its own mesh, the answer reproduces its solution, including the multipliers.
         let again = sinew::internals::nlp::sqp::solve(&problem, start, Default::default());
         assert!(again.iterations() <= 2, "{scheme:?} {stages}: {} iterations", again.iterations());
@@ -34,7 +35,7 @@ fn an_answer_is_prolonged_exactly() {
                 let t = 0.025 * f64::from(k);
                 for m in 0..arm.muscles.len() {
                     let fine = evaluate(&fine.inverse.activation_at(fine.scheme.as_ref(), t, m), &x);
-                    let coarse = answer.activation(t, m);
+                    let coarse = evaluate(&same.inverse.activation_at(same.scheme.as_ref(), t, m), &coarse);
                     assert!((fine - coarse).abs() < 1e-12, "{t} {fine} {coarse}");
                 }
             }
