@@ -11,8 +11,10 @@ use std::time::Instant as Clock;
 use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::iterate::Iterate;
 use sinew::internals::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::{Curvature, Problem};
-use sinew::internals::nlp::sqp::{self, SqpSettings, SqpStatus};
+use sinew::internals::nlp::sqp;
+use sinew::internals::nlp::termination::SqpStatus;
 use sinew::internals::prepare::{Prepared, Task};
 use sinew::internals::settings::Scheme;
 use sinew::internals::starts::disturb;
@@ -90,7 +92,7 @@ fn cost(study: &Study, job: &Job) -> Option<Cost> {
 
     let mut outcome = None;
     let seconds = fastest(|| {
-        outcome = Some(sqp::solve_with(&mut kkt, &problem, guess.clone(), SqpSettings::default()));
+        outcome = Some(sqp::solve_with(&mut kkt, &problem, guess.clone(), SqpOptions::default()));
     });
     let outcome = outcome?;
     Some(Cost {

@@ -9,17 +9,18 @@ use std::sync::atomic::AtomicBool;
 
 use divan::{Bencher, black_box};
 use sinew::internals::deadline::Deadline;
-use sinew::internals::nlp::active_set;
 use sinew::internals::nlp::iterate::Iterate;
 use sinew::internals::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::{Curvature, Problem};
 use sinew::internals::nlp::regularity::RankCounter;
-use sinew::internals::nlp::sqp::{self, SqpSettings};
+use sinew::internals::nlp::sqp;
+use sinew::internals::nlp::subproblem::{Ceiling, State, active_set};
 use sinew::internals::numerics::sparse::Sparse;
 use sinew::internals::prepare::{Prepared, Task};
 use sinew::internals::run::{RunOptions, run};
 use sinew::internals::settings::RegularityMode;
-use sinew::internals::solve::solve;
+use sinew::internals::sqp::solve;
 use sinew::internals::study::Study;
 use sinew::internals::transcription::collocation::Collocation;
 
@@ -70,7 +71,7 @@ fn whole_job(bencher: Bencher, points: usize) {
 #[divan::bench(args = POINTS, sample_count = 3)]
 fn sqp_only(bencher: Bencher, points: usize) {
     with_problem(points, |problem, guess| {
-        bencher.bench_local(|| sqp::solve(problem, guess.clone(), SqpSettings::default()).iterations());
+        bencher.bench_local(|| sqp::solve(problem, guess.clone(), SqpOptions::default()).iterations());
     });
 }
 
@@ -113,16 +114,16 @@ fn factorisation(bencher: Bencher, points: usize) {
 #[divan::bench(args = POINTS, sample_count = 10)]
 fn qp(bencher: Bencher, points: usize) {
     with_problem(points, |problem, guess| {
-        let here = sqp::solve(problem, guess, SqpSettings::default()).iterate;
-        let [hessian, metric] = curvatures(problem, &here);
-        let mut kkt = Kkt::new(problem);
+        let options = SqpOptions::default();
+        let here = sqp::solve(problem, guess, options).iterate;
         let active = sinew::internals::nlp::polish::active(&here.inequalities);
-        let here = (&here, here.kkt_error().largest());
+        let mut kkt = Kkt::new(problem);
+        let mut state = State::new(&mut kkt, problem, here, options.progress);
+        let ceiling = Ceiling { most: options.damping.exact, is_in_doubt: false };
         let mut damping = IN_TURN[0];
         bencher.bench_local(|| {
             damping = IN_TURN[0] + IN_TURN[1] - damping;
-            let (mut delta, most) = (1e-4 * damping, active_set::EXACT_DAMPING);
-            active_set::solve(&mut kkt, here, &hessian, &metric, &mut delta, (most, false), &active).is_ok()
+            active_set::solve(&mut state, &options, 1e-4 * damping, ceiling, &active).is_ok()
         });
     });
 }

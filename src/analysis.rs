@@ -8,9 +8,11 @@ use crate::methods::prediction::{Setting, predict};
 use crate::motion::Measurement;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
+use crate::nlp::options::Termination;
 use crate::nlp::polish::{ACTIVE, active, polish};
 use crate::nlp::regularity::{self, RankCounter};
-use crate::nlp::sqp::{SqpOutcome, SqpSettings, SqpStatus};
+use crate::nlp::sqp::SqpOutcome;
+use crate::nlp::termination::SqpStatus;
 use crate::outcome::{IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status};
 use crate::settings::{RegularityMode, Scheme, Settings};
 use crate::solution::{self, Solution};
@@ -116,7 +118,7 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
     // no larger than that of the run.
     let polished = if deadline.passed() { None } else { polished(kkt, inverse, problem, &run.iterate) };
     let ranked_at = polished.as_ref().unwrap_or(&run.iterate);
-    let target = SqpSettings::default().target;
+    let target = Termination::default().target;
     let is_as_good = ranked_at.kkt_error().largest() <= target.max(run.iterate.kkt_error().largest());
     let point = if is_as_good { ranked_at } else { &run.iterate };
     let solution = Solution { inverse, problem, measurement, iterate: point };

@@ -41,9 +41,6 @@ pub mod motion {
     pub use crate::motion::{Measurement, MotionTable, Surroundings};
 }
 pub mod nlp {
-    pub mod active_set {
-        pub use crate::nlp::active_set::{EXACT_DAMPING, solve};
-    }
     pub mod iterate {
         pub use crate::nlp::iterate::Iterate;
     }
@@ -59,8 +56,21 @@ pub mod nlp {
     pub mod regularity {
         pub use crate::nlp::regularity::{RankCounter, analyse_dense, deficiencies_by_qr};
     }
+    pub mod options {
+        pub use crate::nlp::options::SqpOptions;
+    }
     pub mod sqp {
-        pub use crate::nlp::sqp::{SqpSettings, SqpStatus, solve, solve_with};
+        pub use crate::nlp::sqp::{SqpOutcome, solve, solve_with};
+    }
+    pub mod subproblem {
+        pub use crate::nlp::state::State;
+        pub use crate::nlp::subproblem::active_set::Ceiling;
+        pub mod active_set {
+            pub use crate::nlp::subproblem::active_set::solve;
+        }
+    }
+    pub mod termination {
+        pub use crate::nlp::termination::SqpStatus;
     }
 }
 pub mod numerics {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::nlp::iterate::Iterate;
-use crate::nlp::sqp::SqpStatus;
+use crate::nlp::termination::SqpStatus;
 
 /// How a job ended. Only `converged` is success.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]

@@ -8,8 +8,9 @@ use crate::deadline::Deadline;
 use crate::model::Model;
 use crate::motion::MotionTable;
 use crate::nlp::kkt::Kkt;
+use crate::nlp::options::SqpOptions;
 use crate::nlp::problem::Problem;
-use crate::nlp::sqp::{SqpSettings, SqpStatus};
+use crate::nlp::termination::SqpStatus;
 use crate::outcome::{Outcome, SolutionPoint, Status};
 use crate::plausibility::{self, Warning};
 use crate::prepare::{Failure, Prepared, Task, late};
@@ -127,8 +128,9 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
     let size = prepared.size.check_solving(kkt.bytes(), problem.variables(), settings);
     size.map_err(|reason| (Status::Invalid, reason))?;
     in_time(deadline)?;
-    let runs = starts
-        .solve(&mut kkt, SqpSettings { max_iterations: settings.max_iterations, deadline, ..SqpSettings::default() });
+    let mut options = SqpOptions::default();
+    (options.termination.max_iterations, options.termination.deadline) = (settings.max_iterations, deadline);
+    let runs = starts.solve(&mut kkt, options);
     let solve_s = begun.elapsed().as_secs_f64();
     if runs.best.status == SqpStatus::NonFinite {
         return Err((Status::NonFinite, "a function or derivative became non-finite during the solve".to_owned()));

@@ -6,8 +6,9 @@ use crate::analysis::Runs;
 use crate::methods::InverseProblem;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
+use crate::nlp::options::SqpOptions;
 use crate::nlp::polish::active;
-use crate::nlp::sqp::{self, SqpSettings, Start};
+use crate::nlp::sqp::{Start, solve_with};
 use crate::outcome::{SolutionPoint, Status};
 use crate::settings::Settings;
 use crate::transcription::collocation::Collocation;
@@ -52,7 +53,7 @@ impl<'s> Starts<'s> {
 
     /// Solves from each start, as far as the time limit allows. If a warm start and all others fail, the start guess is
     /// tried.
-    pub fn solve(mut self, kkt: &mut Kkt, settings: SqpSettings) -> Runs {
+    pub fn solve(mut self, kkt: &mut Kkt, options: SqpOptions) -> Runs {
         let warm = self.warm.take();
         let is_warm = warm.is_some();
         let cold = (usize::from(is_warm)..self.settings.starts)
@@ -60,18 +61,18 @@ impl<'s> Starts<'s> {
         let mut starts = warm.into_iter().chain(cold);
         let first = starts.next().expect("there is a start");
         let (inverse, problem) = (self.inverse, self.problem);
-        let mut runs = Runs::of(sqp::solve_with(kkt, problem, first, settings), inverse, problem);
-        while !settings.deadline.passed()
+        let mut runs = Runs::of(solve_with(kkt, problem, first, options), inverse, problem);
+        while !options.termination.deadline.passed()
             && let Some(start) = starts.next()
         {
-            runs.add(sqp::solve_with(kkt, problem, start, settings), inverse, problem);
+            runs.add(solve_with(kkt, problem, start, options), inverse, problem);
         }
         if is_warm
-            && !settings.deadline.passed()
+            && !options.termination.deadline.passed()
             && runs.converged == 0
             && let Some(guess) = (self.guess)()
         {
-            runs.add(sqp::solve_with(kkt, problem, self.disturbed(&guess, 0), settings), inverse, problem);
+            runs.add(solve_with(kkt, problem, self.disturbed(&guess, 0), options), inverse, problem);
         }
         runs
     }

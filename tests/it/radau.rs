@@ -7,13 +7,15 @@ use sinew::internals::methods::prediction::{Setting, predict};
 use sinew::internals::model::Model;
 use sinew::internals::motion::{Measurement, Surroundings};
 use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::regularity;
-use sinew::internals::nlp::sqp::{self, SqpSettings, SqpStatus};
+use sinew::internals::nlp::sqp;
+use sinew::internals::nlp::termination::SqpStatus;
 use sinew::internals::outcome::{Outcome, Status};
 use sinew::internals::problem::Goal;
 use sinew::internals::problem::goals::{Sample, Shape};
 use sinew::internals::settings::{Bounds, Initial, LoadSharingGrid, Scheme, Settings};
-use sinew::internals::solve::solve;
+use sinew::internals::sqp::solve;
 use sinew::internals::transcription::collocation::Collocation;
 use sinew::internals::transcription::radau::Radau;
 use sinew::internals::transcription::scheme::Discretisation;
@@ -75,7 +77,7 @@ fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<
     }
     let goal = Goal { name: "forward", shape: Shape::Square, samples };
     let problem = Collocation::new(&inverse.control, &scheme, &[goal]);
-    let outcome = sqp::solve(&problem, x, SqpSettings { target: 1e-11, ..SqpSettings::default() });
+    let outcome = sqp::solve(&problem, x, options);
     assert_eq!(outcome.status, SqpStatus::Converged, "{:?}", outcome.iterate.kkt_error());
     let last = |&(quantity, member)| outcome.iterate.x[scheme.coefficients().index(quantity, stages, member)];
     functions.iter().map(last).collect()
@@ -245,7 +247,7 @@ fn ranks_of_large_problems_are_those_of_the_dense_decomposition() {
         let prepared = prepare(&model, &table, &settings, points);
         let problem = prepared.transcribe();
         let guess = prepared.guess(Deadline::default()).unwrap();
-        let outcome = sqp::solve(&problem, guess, SqpSettings::default());
+        let outcome = sqp::solve(&problem, guess, SqpOptions::default());
         let active: Vec<usize> =
             (0..problem.bounds.len()).filter(|&r| outcome.iterate.inequalities[r] <= 1e-8).collect();
         let dense = regularity::analyse_dense(&problem, &outcome.iterate, &active).unwrap();

@@ -6,7 +6,9 @@ use sinew::internals::curves::{active_force_length, passive_force_length, tendon
 use sinew::internals::deadline::Deadline;
 use sinew::internals::model::Model;
 use sinew::internals::model::path::Path;
-use sinew::internals::nlp::sqp::{self, SqpSettings, SqpStatus};
+use sinew::internals::nlp::options::SqpOptions;
+use sinew::internals::nlp::sqp;
+use sinew::internals::nlp::termination::SqpStatus;
 use sinew::internals::numerics::bspline::SplineSpace;
 use sinew::internals::problem::QuantityId;
 use sinew::internals::settings::Bounds;
@@ -34,7 +36,7 @@ fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
     let settings = settings(|s| s.bounds = bounds);
     let prepared = prepare(model, &table, &settings, points);
     let guess = prepared.guess(Deadline::default()).unwrap();
-    let outcome = sqp::solve(&prepared.transcribe(), guess, SqpSettings::default());
+    let outcome = sqp::solve(&prepared.transcribe(), guess, SqpOptions::default());
     assert_eq!(outcome.status, SqpStatus::Converged);
     let (points, breakpoints) = mesh(points, table.duration());
     let (motion, muscles) = (&prepared.inverse.motion, &prepared.inverse.muscles);

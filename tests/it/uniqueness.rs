@@ -2,9 +2,10 @@
 
 use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::iterate::Iterate;
+use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::polish::active;
 use sinew::internals::nlp::regularity::analyse_dense;
-use sinew::internals::nlp::sqp::{self, SqpSettings};
+use sinew::internals::nlp::sqp;
 use sinew::internals::outcome::Outcome;
 use sinew::internals::prepare::Task;
 use sinew::internals::settings::{Bounds, RegularityMode, Scheme, Settings};
@@ -102,7 +103,7 @@ fn without_load_sharing_activations_are_intervals_that_hold_every_null_direction
     let prepared = prepare(&arm, &table, &settings, 11);
     let (inverse, measurement, problem) = (&prepared.inverse, &prepared.measurement, prepared.transcribe());
     let guess = prepared.guess(Deadline::default()).unwrap();
-    let iterate: Iterate = sqp::solve(&problem, guess, SqpSettings::default()).iterate;
+    let iterate: Iterate = sqp::solve(&problem, guess, SqpOptions::default()).iterate;
     let rows: Vec<usize> = (0..iterate.inequalities.len()).filter(|&r| active(&iterate.inequalities)[r]).collect();
     let null = analyse_dense(&problem, &iterate, &rows).unwrap().null_directions;
     let solution = Solution { inverse, problem: &problem, measurement, iterate: &iterate };

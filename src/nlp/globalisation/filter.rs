@@ -2,13 +2,11 @@
 //! before (Fletcher and Leyffer, *Math. Program.* 91, 2002; margins and switching condition as in Wächter and Biegler,
 //! *Math. Program.* 106, 2006).
 
-const MARGIN: f64 = 1e-5;
-const ARMIJO: f64 = 1e-4;
-/// θ after a step may be this times that before it, or times the KKT error if that is larger: f is worth no more.
-const WILD: f64 = 100.0;
+use crate::nlp::options::FilterOptions;
 
 #[derive(Clone, Debug)]
 pub struct Filter {
+    options: FilterOptions,
     entries: Vec<(f64, f64)>,
     /// θ above this is never accepted.
     ceiling: f64,
@@ -27,8 +25,9 @@ pub enum Verdict {
 }
 
 impl Filter {
-    pub fn new(violation: f64) -> Self {
-        Self { entries: Vec::new(), ceiling: 1e2 * violation.max(1.0), floor: 1e-4 * violation.max(1.0) }
+    pub fn new(options: FilterOptions, violation: f64) -> Self {
+        let size = violation.max(1.0);
+        Self { options, entries: Vec::new(), ceiling: options.ceiling * size, floor: options.floor * size }
     }
 
     /// Whether no pair has been met.
@@ -39,7 +38,7 @@ impl Filter {
     /// Judges the step from (θ, f), where the KKT error is `error`, by the fraction α with slope `∇fᵀ d` to `trial`.
     pub fn judge(&self, here: (f64, f64), error: f64, slope: f64, alpha: f64, trial: (f64, f64)) -> Verdict {
         let ((violation, objective), (trial_violation, trial_objective)) = (here, trial);
-        let ceiling = self.ceiling.min(WILD * violation.max(error));
+        let ceiling = self.ceiling.min(self.options.wild * violation.max(error));
         if !trial_violation.is_finite() || !trial_objective.is_finite() || trial_violation > ceiling {
             return Verdict::Rejected;
         }
@@ -49,13 +48,13 @@ impl Filter {
         let noise = noise(objective);
         let switching = slope < 0.0 && alpha * (-slope).powf(2.3) > violation.powf(1.1);
         if violation <= self.floor && switching {
-            if trial_objective <= objective + ARMIJO * alpha * slope + noise {
+            if trial_objective <= objective + self.options.armijo * alpha * slope + noise {
                 Verdict::Descent
             } else {
                 Verdict::Rejected
             }
-        } else if trial_violation <= (1.0 - MARGIN) * violation
-            || trial_objective <= objective - MARGIN * violation + noise
+        } else if trial_violation <= (1.0 - self.options.margin) * violation
+            || trial_objective <= objective - self.options.margin * violation + noise
         {
             Verdict::Progress
         } else {
@@ -65,8 +64,9 @@ impl Filter {
 
     /// Whether (θ, f) improves on every pair met before.
     pub fn allows(&self, (violation, objective): (f64, f64)) -> bool {
-        let better =
-            |&(v, o): &(f64, f64)| violation <= (1.0 - MARGIN) * v || objective <= o - MARGIN * v + noise(objective);
+        let better = |&(v, o): &(f64, f64)| {
+            violation <= (1.0 - self.options.margin) * v || objective <= o - self.options.margin * v + noise(objective)
+        };
         self.entries.iter().all(better)
     }
 
