@@ -20,7 +20,7 @@ use sinew::internals::numerics::sparse::Sparse;
 use sinew::internals::prepare::{Prepared, Task};
 use sinew::internals::run::{RunOptions, run};
 use sinew::internals::settings::RegularityMode;
-use sinew::internals::sqp::solve;
+use sinew::internals::solve::solve;
 use sinew::internals::study::Study;
 use sinew::internals::transcription::collocation::Collocation;
 

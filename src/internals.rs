@@ -51,7 +51,7 @@ pub mod nlp {
         pub use crate::nlp::polish::active;
     }
     pub mod problem {
-        pub use crate::nlp::problem::{Curvature, Multipliers, Problem};
+        pub use crate::nlp::problem::{ConvexTerm, Curvature, Multipliers, Problem};
     }
     pub mod regularity {
         pub use crate::nlp::regularity::{RankCounter, analyse_dense, deficiencies_by_qr};
@@ -60,7 +60,7 @@ pub mod nlp {
         pub use crate::nlp::options::SqpOptions;
     }
     pub mod sqp {
-        pub use crate::nlp::sqp::{SqpOutcome, solve, solve_with};
+        pub use crate::nlp::sqp::{SqpOutcome, Start, solve, solve_with};
     }
     pub mod subproblem {
         pub use crate::nlp::state::State;

@@ -265,6 +265,9 @@ pub fn goals(
         let instants = effort_instants(scheme, measurement, settings);
         let (activation, muscles) = (inverse.muscles.activation, model.muscles.len());
         all.push(goals::effort(activation, muscles, &instants, settings.mu, settings.effort_power));
+        if let Some(w) = std::env::var("EU").ok().and_then(|v| v.parse::<f64>().ok()) {
+            all.push(goals::effort(inverse.muscles.excitation, muscles, &instants, settings.mu * w, 2.0));
+        }
         if let Some(drive) = inverse.actuators.first() {
             let weights: Vec<f64> = inverse.actuators.iter().map(|drive| settings.mu * drive.weight.sqrt()).collect();
             all.push(goals::reserve_use(drive.quantity, &weights, &instants));

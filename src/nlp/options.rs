@@ -220,9 +220,9 @@ options! {
     /// The feasibility phase.
     RestorationOptions {
         max_steps: usize = 60,
-        /// Share of the violation it must come down to.
+        /// Share of the violation, in the Euclidean norm, that it must come down to.
         goal: f64 = 0.5,
-        /// Levenberg–Marquardt parameter and its factors.
+        /// Weight of the proximal term, and its factors.
         damping: f64 = 1e-4,
         lower: f64 = 0.3,
         raise: f64 = 10.0,

@@ -11,6 +11,7 @@ mod derivatives;
 mod engine;
 mod folders;
 mod honest;
+mod nlp;
 mod opensim;
 mod other_readers;
 mod output;

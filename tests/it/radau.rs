@@ -15,7 +15,7 @@ use sinew::internals::outcome::{Outcome, Status};
 use sinew::internals::problem::Goal;
 use sinew::internals::problem::goals::{Sample, Shape};
 use sinew::internals::settings::{Bounds, Initial, LoadSharingGrid, Scheme, Settings};
-use sinew::internals::sqp::solve;
+use sinew::internals::solve::solve;
 use sinew::internals::transcription::collocation::Collocation;
 use sinew::internals::transcription::radau::Radau;
 use sinew::internals::transcription::scheme::Discretisation;
@@ -77,6 +77,8 @@ fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<
     }
     let goal = Goal { name: "forward", shape: Shape::Square, samples };
     let problem = Collocation::new(&inverse.control, &scheme, &[goal]);
+    let mut options = SqpOptions::default();
+    options.termination.target = 1e-11;
     let outcome = sqp::solve(&problem, x, options);
     assert_eq!(outcome.status, SqpStatus::Converged, "{:?}", outcome.iterate.kkt_error());
     let last = |&(quantity, member)| outcome.iterate.x[scheme.coefficients().index(quantity, stages, member)];
