@@ -1,7 +1,8 @@
 //! What each ingredient and number of the solver is worth: each is switched off, halved and doubled, on problems the numbers were chosen on
 //! and on others.
 //!
-//! `cargo bench --bench ablation -- [--every N] [part of an option's name …]` prints a CSV table; N: every Nth job of the large studies.
+//! `cargo bench --bench ablation -- [--every N] [option=value …] [part of an option's name …]` prints a CSV table; N: every Nth job of the
+//! large studies; `option=value` changes what is usual.
 //!
 //! Failures, and the median and 90th percentile of factorisations over the problems, one that fails counting as the largest. CPU is that of all
 //! problems over that with the usual numbers; failures that take long make it large.
@@ -63,10 +64,12 @@ struct Score {
 
 fn main() {
     let mut arguments = std::env::args().skip(1).filter(|argument| argument != "--bench");
-    let (mut every, mut names) = (1, Vec::new());
+    let (mut every, mut names, mut usual) = (1, Vec::new(), usual());
     while let Some(argument) = arguments.next() {
         if argument == "--every" {
             every = arguments.next().and_then(|n| n.parse().ok()).expect("--every needs a number");
+        } else if let Some((name, value)) = argument.split_once('=') {
+            usual = changed(&usual, name, &serde_json::from_str(value).expect("a number or a flag"));
         } else {
             names.push(argument);
         }
@@ -79,7 +82,6 @@ fn main() {
         }));
         held_out
     }];
-    let usual = usual();
     println!("option,value,tuning_failures,tuning_p50,tuning_p90,tuning_cpu,held_out_failures,held_out_p50,held_out_p90,held_out_cpu");
     let base = halves.each_ref().map(|half| score(half, &usual));
     print("usual", &format!("{} and {} problems", halves[0].len(), halves[1].len()), &base, &base);

@@ -325,6 +325,9 @@ pub struct MuscleRow {
     /// Share of inner points at which the fibre velocity changes from rising to falling or back.
     pub direction_changes: f64,
     pub peak_fibre_velocity_per_s: f64,
+    /// Total variation of the excitation over twice its range: 1 if it rises and falls once. `None` in results of older versions.
+    #[serde(default)]
+    pub excitation_swings: Option<f64>,
 }
 
 /// A reserve or another actuator of a job, at a joint coordinate.

@@ -14,7 +14,7 @@ pub struct WarningKind {
 }
 
 /// All kinds of warning.
-pub const WARNING_KINDS: [WarningKind; 9] = [
+pub const WARNING_KINDS: [WarningKind; 10] = [
     WarningKind {
         code: "tracking",
         limit: "tracking error above warn.tracking_deg (2°) or warn.tracking_mm (10 mm), RMS",
@@ -60,6 +60,12 @@ pub const WARNING_KINDS: [WarningKind; 9] = [
         limit: "fibre velocity above warn.fibre_velocity (20) optimal fibre lengths per second",
         remedy: "with scheme = \"midpoint\", fibre velocities ring: use radau; otherwise check the motion and \
                  the muscle's lengths",
+    },
+    WarningKind {
+        code: "chatter",
+        limit: "an excitation that goes up and down by its whole range more than warn.chatter (4) times",
+        remedy: "nothing in the objective keeps excitations from alternating, and the finer the mesh, the more they do; \
+                 mean forces change little, excitations and iterations much: set excitation_weight = 0.01",
     },
     WarningKind {
         code: "reserves",
@@ -139,6 +145,11 @@ pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<W
     if let Some((peak, row)) = worst(&|_, row| velocity(row)).filter(|(peak, _)| *peak > limits.fibre_velocity) {
         let more = count(&|_, row| velocity(row) > limits.fibre_velocity);
         warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths per second", row.muscle));
+    }
+    let swings = |row: &MuscleRow| row.excitation_swings.unwrap_or(0.0);
+    if let Some((most, row)) = worst(&|_, row| swings(row)).filter(|(most, _)| *most > limits.chatter) {
+        let more = count(&|_, row| swings(row) > limits.chatter);
+        warn("chatter", format!("{}{more}: the excitation goes up and down {most:.0} times", row.muscle));
     }
     warnings.extend(mesh_warning(job, muscles, model, limits.mesh));
     warnings.extend(reserve_warning(&outcome.reserves, limits.reserves));

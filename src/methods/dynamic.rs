@@ -250,6 +250,20 @@ pub fn effort_instants(scheme: &dyn Discretisation, measurement: &Measurement, s
     times.iter().map(|&t| (t, 1.0)).collect()
 }
 
+/// Where excitations are taken: the points at which they are unknowns, with the weights of the scheme's quadrature, in all as much as the instants
+/// of the efforts.
+fn excitation_instants(
+    scheme: &dyn Discretisation,
+    efforts: &[(f64, f64)],
+    settings: &Settings,
+) -> Vec<(f64, f64)> {
+    let quadrature = scheme.quadrature();
+    let duration: f64 = quadrature.iter().sum();
+    let density = if settings.effort_power == 2.0 { efforts.len() as f64 / duration } else { 1.0 };
+    let all = scheme.points().iter().zip(&quadrature).filter(|(_, weight)| **weight > 0.0);
+    all.map(|(&t, weight)| (t, density * weight)).collect()
+}
+
 /// The objective: tracking, and with μ > 0 effort.
 pub fn goals(
     inverse: &InverseProblem<'_>,
@@ -268,9 +282,14 @@ pub fn goals(
         if let Some(w) = std::env::var("EU").ok().and_then(|v| v.parse::<f64>().ok()) {
             all.push(goals::effort(inverse.muscles.excitation, muscles, &instants, settings.mu * w, 2.0));
         }
+        if settings.excitation_weight > 0.0 {
+            let weights = vec![settings.mu * settings.excitation_weight.sqrt(); muscles];
+            let own = excitation_instants(scheme, &instants, settings);
+            all.push(goals::control_use("excitation", inverse.muscles.excitation, &weights, &own));
+        }
         if let Some(drive) = inverse.actuators.first() {
             let weights: Vec<f64> = inverse.actuators.iter().map(|drive| settings.mu * drive.weight.sqrt()).collect();
-            all.push(goals::reserve_use(drive.quantity, &weights, &instants));
+            all.push(goals::control_use("reserve_use", drive.quantity, &weights, &instants));
         }
     }
     all

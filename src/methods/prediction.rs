@@ -8,6 +8,7 @@
 //!   `{δa_j : a_j at a bound}`, `{δȧ_j + s_j δa_j : u_j at a bound}`, s_j = u/τ_act + (1 − u)/τ_deact (for τ_act = τ_deact; in general ∂/∂a of
 //!   eq. 4); u pays for them freely. Midpoint, collocation grid: the alternating mode of each muscle without an active excitation
 //!   bound. Else none.
+//!   With `excitation_weight` > 0, u pays for none of them: `δȧ_j + s_j δa_j` vanishes at every point.
 //! - Fibre length: the changes δl that vanish at every point, with δl̇ vanishing where a f_l ≠ 0. Midpoint: the alternating mode
 //!   of each muscle with a f_l = 0 at all points, whose contraction equation is algebraic. Radau: none from
 //!   equilibrium (that is one more row); with a free start, the initial length of each muscle with a f_l = 0 throughout the first interval.
@@ -44,6 +45,8 @@ pub struct Prediction {
 pub struct Setting {
     /// Activations in the objective, muscle by muscle; empty with μ = 0.
     pub sharing: Vec<Vec<Combination>>,
+    /// Whether excitations are in the objective.
+    pub has_excitations: bool,
     /// Whether the measured instants fix every motion of the scheme.
     pub motion_is_fixed: bool,
 }
@@ -60,6 +63,7 @@ impl Setting {
         let muscles = if settings.mu > 0.0 { inverse.muscles.a.count } else { 0 };
         Self {
             sharing: (0..muscles).map(rows).collect(),
+            has_excitations: settings.excitation_weight > 0.0,
             motion_is_fixed: settings.measured_per_interval() >= settings.points_per_interval(),
         }
     }
@@ -97,6 +101,10 @@ pub fn predict(
         a += rows.len() - rank_of(&rows).0;
         if let Some(sharing) = setting.sharing.get(m) {
             rows.extend(sharing.iter().cloned());
+            if setting.has_excitations {
+                let complete = (0..locals.len()).filter(|&j| problem.points[j].complete);
+                rows.extend(complete.map(|j| excitation_row(inverse, problem, &locals[j], j, m)));
+            }
             // Rows of zeros, for the unknowns that no other row touches.
             let map = problem.points.iter().map(|point| &point.map.combinations[inverse.muscles.a.at(m)]);
             rows.extend(map.map(|row| row.iter().map(|&(column, _)| (column, 0.0)).collect()));
@@ -138,7 +146,7 @@ fn active_rows(
     m: usize,
 ) -> Vec<Combination> {
     let muscles = &inverse.muscles;
-    let (a, rate, u) = (muscles.a.at(m), muscles.a_rate.at(m), muscles.u.at(m));
+    let (a, u) = (muscles.a.at(m), muscles.u.at(m));
     let mut rows = Vec::new();
     for bound in active.iter().map(|&row| &problem.bounds[row]) {
         let (Bounded::Below(variable) | Bounded::Above(variable)) = problem.limit(bound).bounded else { continue };
@@ -146,14 +154,27 @@ fn active_rows(
         if variable == a {
             rows.push(map[a].clone());
         } else if variable == u {
-            let z = &locals[bound.point];
-            let slope = inverse.model.muscles[m].activation_residual(z[a], z[rate], z[u]).gradient[0];
-            let mut row = map[rate].clone();
-            row.extend(map[a].iter().map(|&(column, weight)| (column, slope * weight)));
-            rows.push(row);
+            rows.push(excitation_row(inverse, problem, &locals[bound.point], bound.point, m));
         }
     }
     rows
+}
+
+/// What a muscle's excitation at a point is changed by, z being the variables there: `δȧ + s δa`.
+fn excitation_row(
+    inverse: &InverseProblem<'_>,
+    problem: &Collocation<'_>,
+    z: &[f64],
+    point: usize,
+    m: usize,
+) -> Combination {
+    let muscles = &inverse.muscles;
+    let (a, rate, u) = (muscles.a.at(m), muscles.a_rate.at(m), muscles.u.at(m));
+    let map = &problem.points[point].map.combinations;
+    let slope = inverse.model.muscles[m].activation_residual(z[a], z[rate], z[u]).gradient[0];
+    let mut row = map[rate].clone();
+    row.extend(map[a].iter().map(|&(column, weight)| (column, slope * weight)));
+    row
 }
 
 /// The rows that fix a muscle's fibre length where its activation and its force are known.

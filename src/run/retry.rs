@@ -85,6 +85,7 @@ fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
     let (old, new) = (&from.settings, &to.settings);
     job.settings.mu = mix(old.mu, new.mu);
     job.settings.reserve_weight = mix(old.reserve_weight, new.reserve_weight);
+    job.settings.excitation_weight = mix(old.excitation_weight, new.excitation_weight);
     job.settings.effort_power = linear(old.effort_power, new.effort_power);
     // A reserve that only the target has is there from the start.
     let reserve = |a: f64, b: f64| if a > 0.0 && b > 0.0 { linear(a, b) } else { b };

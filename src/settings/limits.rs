@@ -34,6 +34,9 @@ pub struct Limits {
     /// Peak of a reserve relative to that of the net joint moment.
     #[serde(skip_serializing_if = "is_default_share")]
     pub reserves: f64,
+    /// Total variation of an excitation over twice its range.
+    #[serde(skip_serializing_if = "are_default_swings")]
+    pub chatter: f64,
 }
 
 const RESERVE_SHARE: f64 = 0.05;
@@ -41,6 +44,12 @@ const RESERVE_SHARE: f64 = 0.05;
 /// The default is not part of a job's identity; otherwise the ids of older jobs would change.
 fn is_default_share(share: &f64) -> bool {
     *share == RESERVE_SHARE
+}
+
+const SWINGS: f64 = 4.0;
+
+fn are_default_swings(swings: &f64) -> bool {
+    *swings == SWINGS
 }
 
 impl Default for Limits {
@@ -59,13 +68,14 @@ impl Default for Limits {
             mesh: 0.05,
             fibre_velocity: 20.0,
             reserves: RESERVE_SHARE,
+            chatter: SWINGS,
         }
     }
 }
 
 impl Limits {
     /// Names of the limits in a study, after `warn.`.
-    pub const NAMES: [&str; 13] = [
+    pub const NAMES: [&str; 14] = [
         "tracking_deg",
         "tracking_mm",
         "saturated",
@@ -79,6 +89,7 @@ impl Limits {
         "mesh",
         "fibre_velocity",
         "reserves",
+        "chatter",
     ];
 
     /// The limit called `name`.
@@ -97,6 +108,7 @@ impl Limits {
             "mesh" => &mut self.mesh,
             "fibre_velocity" => &mut self.fibre_velocity,
             "reserves" => &mut self.reserves,
+            "chatter" => &mut self.chatter,
             _ => return None,
         })
     }

@@ -52,6 +52,11 @@ pub struct Settings {
     #[schemars(range(min = 1e-9, max = 1e9))]
     #[serde(skip_serializing_if = "is_one")]
     pub reserve_weight: f64,
+    /// Weight of squared excitations beside squared activations in the load-sharing term; 0 as in the thesis. Without it
+    /// excitations may chatter on fine meshes: the finer, the more, and no mesh is fine enough. 0.01 ends that.
+    #[schemars(range(min = 0.0, max = 1e6))]
+    #[serde(skip_serializing_if = "is_zero")]
+    pub excitation_weight: f64,
     /// Measured instants per interval. The default is twice the number of collocation points per interval.
     #[schemars(range(min = 1, max = 1000))]
     pub measurement_ratio: Option<usize>,
@@ -130,6 +135,7 @@ impl Default for Settings {
             reserves: 0.0,
             reserves_at: Vec::new(),
             reserve_weight: 1.0,
+            excitation_weight: 0.0,
             measurement_ratio: None,
             noise_sd: 0.0,
             smoothing_hz: 0.0,
@@ -167,6 +173,7 @@ pub const NAMES: &[&str] = &[
     "load_sharing_grid",
     "reserves",
     "reserve_weight",
+    "excitation_weight",
     "measurement_ratio",
     "noise_sd",
     "smoothing_hz",
@@ -202,6 +209,9 @@ impl Settings {
             "reserves" => self.reserves = number(value, 0.0..=1e9, RESERVE)?,
             "reserve_weight" => {
                 self.reserve_weight = number(value, 1e-9..=1e9, "a positive weight; 1 counts as an activation does")?;
+            }
+            "excitation_weight" => {
+                self.excitation_weight = number(value, 0.0..=1e6, "a weight from 0 to 1e6; 1 counts as an activation does")?;
             }
             "measurement_ratio" => self.measurement_ratio = Some(integer(value, 1..=1000)? as usize),
             "noise_sd" => self.noise_sd = number(value, 0.0..=1e3, "a standard deviation in m and rad, 0 for none")?,
@@ -285,6 +295,7 @@ impl Settings {
             "effort_power" => return Some(Value::Number(self.effort_power)),
             "reserves" => return Some(Value::Number(self.reserves)),
             "reserve_weight" => return Some(Value::Number(self.reserve_weight)),
+            "excitation_weight" => return Some(Value::Number(self.excitation_weight)),
             "memory_limit_mb" => return Some(Value::Number(self.memory_limit_mb)),
             _ => {}
         }
@@ -315,7 +326,7 @@ impl Settings {
             same.reserve_weight = 1.0;
         }
         if self.mu == 0.0 {
-            same.effort_power = 2.0;
+            (same.effort_power, same.excitation_weight) = (2.0, 0.0);
         }
         if self.effort_power != 2.0 {
             same.load_sharing_grid = Self::default().load_sharing_grid;

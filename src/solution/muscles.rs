@@ -95,6 +95,7 @@ impl Solution<'_> {
                     ringing,
                     direction_changes,
                     peak_fibre_velocity_per_s: velocities.iter().fold(0.0, |a, v| a.max(v.abs())),
+                    excitation_swings: swings(&of(&complete, u)),
                 }
             })
             .collect()
@@ -108,6 +109,16 @@ fn ringing(velocities: &[f64]) -> (f64, f64) {
     let amplitude = velocities.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).abs() / 4.0).fold(0.0, f64::max);
     let turns = inner.filter(|w| (w[2] - w[1]) * (w[1] - w[0]) < 0.0).count();
     (amplitude, turns as f64 / count)
+}
+
+/// Values that change by less than this do not swing.
+const STILL: f64 = 1e-3;
+
+/// Total variation over twice the range.
+fn swings(values: &[f64]) -> Option<f64> {
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
+    let variation: f64 = values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+    Some(if high - low > STILL { variation / (2.0 * (high - low)) } else { 0.0 })
 }
 
 /// Whether moving along `direction` changes the force of any muscle at any collocation point by more than `threshold`.

@@ -428,6 +428,12 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
         C::number("peak_fibre_velocity_per_s", "optimal fibre lengths/s", "largest |fibre velocity|", |l| {
             Some(l.row.peak_fibre_velocity_per_s)
         }),
+        C::number(
+            "excitation_swings",
+            "1",
+            "total variation of the excitation over twice its range: 1 if it rises and falls once, 0 if the range is below 0.001",
+            |l| l.row.excitation_swings,
+        ),
     ]
 }
 

@@ -1,6 +1,6 @@
 //! The effort of eq. (26), which shares the load among muscles (thesis, Paper B): `μ²/2 ‖a‖²` over the instants of the
-//! load-sharing grid; with another power p, `μ²/2 ∫ Σ a^p dt`. And the use of reserves beside it, `reserve_weight Σ r²` in
-//! place of the sum over muscles.
+//! load-sharing grid; with another power p, `μ²/2 ∫ Σ a^p dt`. And the use of controls beside it, in place of the sum over
+//! muscles: `reserve_weight Σ r²` of reserves, `excitation_weight Σ u²` of excitations.
 
 use super::{Goal, Sample, Shape};
 use crate::problem::quantity::QuantityId;
@@ -15,9 +15,9 @@ pub fn effort(activations: QuantityId, muscles: usize, instants: &[(f64, f64)], 
     Goal { name: "effort", shape: Shape::Power(power), samples }
 }
 
-/// The use of reserves; `weights`: by reserve, the root of the reserve's weight times μ.
-pub fn reserve_use(reserves: QuantityId, weights: &[f64], instants: &[(f64, f64)]) -> Goal {
-    Goal { name: "reserve_use", shape: Shape::Square, samples: samples(reserves, weights, instants, f64::sqrt) }
+/// The use of controls; `weights`: by member, the root of its weight times μ.
+pub fn control_use(name: &'static str, controls: QuantityId, weights: &[f64], instants: &[(f64, f64)]) -> Goal {
+    Goal { name, shape: Shape::Square, samples: samples(controls, weights, instants, f64::sqrt) }
 }
 
 fn samples(

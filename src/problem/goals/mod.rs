@@ -11,7 +11,7 @@
 pub mod effort;
 pub mod tracking;
 
-pub use effort::{effort, reserve_use};
+pub use effort::{control_use, effort};
 pub use tracking::tracking;
 
 use super::quantity::QuantityId;
