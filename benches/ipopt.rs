@@ -103,8 +103,7 @@ type Hessian = extern "C" fn(
     *mut f64,
     *mut c_void,
 ) -> bool;
-type Progress =
-    extern "C" fn(c_int, c_int, f64, f64, f64, f64, f64, f64, f64, f64, c_int, *mut c_void) -> bool;
+type Progress = extern "C" fn(c_int, c_int, f64, f64, f64, f64, f64, f64, f64, f64, c_int, *mut c_void) -> bool;
 type Create = unsafe extern "C" fn(
     c_int,
     *const f64,
@@ -121,16 +120,8 @@ type Create = unsafe extern "C" fn(
     Jacobian,
     Hessian,
 ) -> *mut c_void;
-type Solve = unsafe extern "C" fn(
-    *mut c_void,
-    *mut f64,
-    *mut f64,
-    *mut f64,
-    *mut f64,
-    *mut f64,
-    *mut f64,
-    *mut c_void,
-) -> c_int;
+type Solve =
+    unsafe extern "C" fn(*mut c_void, *mut f64, *mut f64, *mut f64, *mut f64, *mut f64, *mut f64, *mut c_void) -> c_int;
 
 fn by_ipopt(library: &Library, problem: &dyn Problem, mut x: Vec<f64>) -> Other {
     let here = Iterate::new(problem, x.clone());
@@ -166,12 +157,10 @@ fn by_ipopt(library: &Library, problem: &dyn Problem, mut x: Vec<f64>) -> Other 
         let integer = library
             .get::<unsafe extern "C" fn(*mut c_void, *const c_char, c_int) -> bool>(b"AddIpoptIntOption")
             .unwrap();
-        let number = library
-            .get::<unsafe extern "C" fn(*mut c_void, *const c_char, f64) -> bool>(b"AddIpoptNumOption")
-            .unwrap();
-        let watch = library
-            .get::<unsafe extern "C" fn(*mut c_void, Progress) -> bool>(b"SetIntermediateCallback")
-            .unwrap();
+        let number =
+            library.get::<unsafe extern "C" fn(*mut c_void, *const c_char, f64) -> bool>(b"AddIpoptNumOption").unwrap();
+        let watch =
+            library.get::<unsafe extern "C" fn(*mut c_void, Progress) -> bool>(b"SetIntermediateCallback").unwrap();
         let solve = library.get::<Solve>(b"IpoptSolve").unwrap();
         let free = library.get::<unsafe extern "C" fn(*mut c_void)>(b"FreeIpoptProblem").unwrap();
         let (n, m) = (n as c_int, m as c_int);
@@ -257,9 +246,7 @@ extern "C" fn jacobian(
     values: *mut f64,
     user: *mut c_void,
 ) -> bool {
-    let seen = unsafe {
-        if x.is_null() { &mut *user.cast::<Seen<'_>>() } else { at(x, user) }
-    };
+    let seen = unsafe { if x.is_null() { &mut *user.cast::<Seen<'_>>() } else { at(x, user) } };
     let me = seen.here.equalities.len();
     let mut places = vec![None; seen.here.inequalities.len()];
     seen.rows.iter().enumerate().for_each(|(k, &row)| places[row] = Some(me + k));

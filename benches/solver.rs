@@ -15,7 +15,8 @@ use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::{Curvature, Problem};
 use sinew::internals::nlp::regularity::RankCounter;
 use sinew::internals::nlp::sqp;
-use sinew::internals::nlp::subproblem::{Ceiling, State, active_set};
+use sinew::internals::nlp::state::State;
+use sinew::internals::nlp::subproblem::active_set::{self, Ceiling};
 use sinew::internals::numerics::sparse::Sparse;
 use sinew::internals::prepare::{Prepared, Task};
 use sinew::internals::run::{RunOptions, run};
@@ -118,7 +119,7 @@ fn qp(bencher: Bencher, points: usize) {
         let here = sqp::solve(problem, guess, options).iterate;
         let active = sinew::internals::nlp::polish::active(&here.inequalities);
         let mut kkt = Kkt::new(problem);
-        let mut state = State::new(&mut kkt, problem, here, options.progress);
+        let mut state = State::new(&mut kkt, problem, here);
         let ceiling = Ceiling { most: options.damping.exact, is_in_doubt: false };
         let mut damping = IN_TURN[0];
         bencher.bench_local(|| {

@@ -30,9 +30,19 @@ fn main() {
                 for (k, r) in outcome.trace.iter().enumerate() {
                     println!(
                         "{k:3} f {:12.6e} stat {:.1e} feas {:.1e} comp {:.1e} step {:.1e} δ {:.0e} α {:.3} {} ref {} leap {} ext {} {} fact {}",
-                        r.objective, r.error.stationarity, r.error.feasibility, r.error.complementarity, r.step_norm,
-                        r.damping.unwrap_or(0.0), r.fraction.unwrap_or(0.0), r.way.map_or("-", |w| w.name()), r.refusals, r.leap,
-                        r.extension, if r.is_restored { "restored" } else { "" }, r.factorisations
+                        r.objective,
+                        r.error.stationarity,
+                        r.error.feasibility,
+                        r.error.complementarity,
+                        r.step_norm,
+                        r.damping.unwrap_or(0.0),
+                        r.fraction.unwrap_or(0.0),
+                        r.way.map_or("-", |w| w.name()),
+                        r.refusals,
+                        r.leap,
+                        r.extension,
+                        if r.is_restored { "restored" } else { "" },
+                        r.factorisations
                     );
                 }
             }

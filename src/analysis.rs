@@ -13,7 +13,10 @@ use crate::nlp::polish::{ACTIVE, active, polish};
 use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::SqpOutcome;
 use crate::nlp::termination::SqpStatus;
-use crate::outcome::{IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status};
+use crate::nlp::trace::Record;
+use crate::outcome::{
+    IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status, StepRow,
+};
 use crate::settings::{RegularityMode, Scheme, Settings};
 use crate::solution::{self, Solution};
 use crate::transcription::collocation::Collocation;
@@ -319,9 +322,23 @@ fn iteration_rows(
                 qp_iterations: record.qp_iterations as i64,
                 deficiency_a: deficiencies.map(|d| d.0 as i64),
                 deficiency_aj: deficiencies.map(|d| d.1 as i64),
+                step: step_row(record),
             }
         })
         .collect()
+}
+
+/// How the step away from a point came about, if there was one.
+fn step_row(record: &Record) -> Option<StepRow> {
+    let way = record.way.map(|way| way.name()).or(record.is_restored.then_some("restoration"))?;
+    Some(StepRow {
+        way: way.to_owned(),
+        damping: record.damping,
+        fraction: record.fraction,
+        refusals: record.refusals as i64,
+        extension: record.extension,
+        factorisations: record.factorisations as i64,
+    })
 }
 
 /// Ranks at a polished point, with the deficiencies predicted from the pattern of active bounds; the singular values

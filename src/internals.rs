@@ -41,11 +41,20 @@ pub mod motion {
     pub use crate::motion::{Measurement, MotionTable, Surroundings};
 }
 pub mod nlp {
+    pub mod curvature {
+        pub use crate::nlp::curvature::Model;
+    }
+    pub mod globalisation {
+        pub use crate::nlp::globalisation::filter::{Filter, Verdict};
+    }
     pub mod iterate {
         pub use crate::nlp::iterate::Iterate;
     }
     pub mod kkt {
         pub use crate::nlp::kkt::{Kkt, KktValues, Rows};
+    }
+    pub mod options {
+        pub use crate::nlp::options::SqpOptions;
     }
     pub mod polish {
         pub use crate::nlp::polish::active;
@@ -56,21 +65,29 @@ pub mod nlp {
     pub mod regularity {
         pub use crate::nlp::regularity::{RankCounter, analyse_dense, deficiencies_by_qr};
     }
-    pub mod options {
-        pub use crate::nlp::options::SqpOptions;
+    pub mod restoration {
+        pub use crate::nlp::restoration::restore;
     }
     pub mod sqp {
         pub use crate::nlp::sqp::{SqpOutcome, Start, solve, solve_with};
     }
-    pub mod subproblem {
+    pub mod state {
         pub use crate::nlp::state::State;
-        pub use crate::nlp::subproblem::active_set::Ceiling;
+    }
+    pub mod subproblem {
+        pub use crate::nlp::subproblem::{NoStep, Quality, Step, Way};
         pub mod active_set {
-            pub use crate::nlp::subproblem::active_set::solve;
+            pub use crate::nlp::subproblem::active_set::{Ceiling, solve};
+        }
+        pub mod interior_point {
+            pub use crate::nlp::subproblem::interior_point::{Interior, Manner, solve};
         }
     }
     pub mod termination {
         pub use crate::nlp::termination::SqpStatus;
+    }
+    pub mod trace {
+        pub use crate::nlp::trace::Record;
     }
 }
 pub mod numerics {

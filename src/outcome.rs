@@ -294,6 +294,26 @@ pub struct IterationRow {
     pub qp_iterations: i64,
     pub deficiency_a: Option<i64>,
     pub deficiency_aj: Option<i64>,
+    /// How the step came about; `None` at the last iterate, and in results of older versions.
+    #[serde(default)]
+    pub step: Option<StepRow>,
+}
+
+/// The step that leads from an iterate to the next.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepRow {
+    /// How the quadratic sub-problem was solved; `restoration` if feasibility was restored instead.
+    pub way: String,
+    /// δ, the weight of the proximal term.
+    pub damping: Option<f64>,
+    /// α, the share of the step.
+    pub fraction: Option<f64>,
+    /// Steps refused before.
+    pub refusals: i64,
+    /// How many times as long the step was made afterwards.
+    pub extension: f64,
+    /// Of the KKT matrix.
+    pub factorisations: i64,
 }
 
 /// One muscle of a job.

@@ -252,11 +252,7 @@ pub fn effort_instants(scheme: &dyn Discretisation, measurement: &Measurement, s
 
 /// Where excitations are taken: the points at which they are unknowns, with the weights of the scheme's quadrature, in all as much as the instants
 /// of the efforts.
-fn excitation_instants(
-    scheme: &dyn Discretisation,
-    efforts: &[(f64, f64)],
-    settings: &Settings,
-) -> Vec<(f64, f64)> {
+fn excitation_instants(scheme: &dyn Discretisation, efforts: &[(f64, f64)], settings: &Settings) -> Vec<(f64, f64)> {
     let quadrature = scheme.quadrature();
     let duration: f64 = quadrature.iter().sum();
     let density = if settings.effort_power == 2.0 { efforts.len() as f64 / duration } else { 1.0 };

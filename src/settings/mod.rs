@@ -211,7 +211,8 @@ impl Settings {
                 self.reserve_weight = number(value, 1e-9..=1e9, "a positive weight; 1 counts as an activation does")?;
             }
             "excitation_weight" => {
-                self.excitation_weight = number(value, 0.0..=1e6, "a weight from 0 to 1e6; 1 counts as an activation does")?;
+                self.excitation_weight =
+                    number(value, 0.0..=1e6, "a weight from 0 to 1e6; 1 counts as an activation does")?;
             }
             "measurement_ratio" => self.measurement_ratio = Some(integer(value, 1..=1000)? as usize),
             "noise_sd" => self.noise_sd = number(value, 0.0..=1e3, "a standard deviation in m and rad, 0 for none")?,

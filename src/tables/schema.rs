@@ -6,7 +6,7 @@ use super::{Table, axes};
 use crate::error::nearest;
 use crate::outcome::{
     IterationRow, JobRow, MuscleRow, OptimumRow, Outcome, RegularityRow, ReserveRow, SensitivityRow, SpectrumRow,
-    TrajectoryRow,
+    StepRow, TrajectoryRow,
 };
 use crate::study::file::{Measure, Ratio};
 use crate::study::{Job, Study};
@@ -371,9 +371,26 @@ fn iterations<'o>() -> Vec<Column<Line<'o, IterationRow>>> {
             Some(l.row.distance_to_solution)
         }),
         C::integer("qp_iterations", "iterations of the quadratic sub-problem", |l| Some(l.row.qp_iterations)),
+        C::text(
+            "way",
+            "how the step's quadratic sub-problem was solved: `active_set`, `interior_point` (with the exact Hessian; `_convex`, without \
+             its negative curvature; `_gauss_newton`, JᵀJ), `clarabel`; or `restoration` of feasibility",
+            |l| step(l).map(|step| step.way.clone()),
+        ),
+        C::number("damping", "1", "δ, the weight of the proximal term beside the Hessian", |l| step(l)?.damping),
+        C::number("step_fraction", "1", "α, the share of the step that the line search took", |l| step(l)?.fraction),
+        C::integer("refusals", "steps refused at this iterate", |l| Some(step(l)?.refusals)),
+        C::number("extension", "1", "how many times as long the step was made afterwards; 0 if not", |l| {
+            Some(step(l)?.extension)
+        }),
+        C::integer("factorisations", "of the KKT matrix, for this step", |l| Some(step(l)?.factorisations)),
         C::integer("deficiency_a", "as in `regularity`, at this iterate", |l| l.row.deficiency_a),
         C::integer("deficiency_aj", "as in `regularity`, at this iterate", |l| l.row.deficiency_aj),
     ]
+}
+
+fn step<'o>(line: &Line<'o, IterationRow>) -> Option<&'o StepRow> {
+    line.row.step.as_ref()
 }
 
 fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {

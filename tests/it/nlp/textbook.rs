@@ -28,7 +28,7 @@ pub struct Textbook {
     pub start: Vec<f64>,
     /// Objective at the solution; several where there are several local ones.
     pub answers: Vec<f64>,
-    /// With these answers the constraints or the Hessian are degenerate: the multipliers do not settle, or only slowly.
+    /// There are no multipliers, or unbounded ones: a solve need not converge, but it ends near the answer.
     pub is_degenerate: bool,
     residual_jacobian: Sparse,
     residual_data: Vec<f64>,
@@ -207,12 +207,7 @@ fn to_one(x: &[N]) -> N {
     -x[0] + 1.0
 }
 
-fn rosenbrock(
-    name: &'static str,
-    inequalities: Vec<Function>,
-    start: [f64; 2],
-    answers: &[f64],
-) -> Textbook {
+fn rosenbrock(name: &'static str, inequalities: Vec<Function>, start: [f64; 2], answers: &[f64]) -> Textbook {
     Textbook::new(name, Squares(vec![banana, to_one]), vec![], inequalities, &start, answers)
 }
 
@@ -244,7 +239,10 @@ pub fn all() -> Vec<Textbook> {
             vec![],
             vec![|x| x[0] + 1.5, |x| -x[0] + 4.0, |x| x[1] + 3.0, |x| -x[1] + 3.0],
             &[0.0, 0.0],
-            &[-0.5 * root(3.0) - std::f64::consts::FRAC_PI_3, 0.5 * root(3.0) + 1.0 - 4.0 * std::f64::consts::FRAC_PI_3],
+            &[
+                -0.5 * root(3.0) - std::f64::consts::FRAC_PI_3,
+                0.5 * root(3.0) + 1.0 - 4.0 * std::f64::consts::FRAC_PI_3,
+            ],
         ),
         Textbook::new("HS6", Squares(vec![to_one]), vec![banana], vec![], &[-1.2, 1.0], &[0.0]),
         Textbook::new(
@@ -520,14 +518,11 @@ pub fn all() -> Vec<Textbook> {
         Textbook::new(
             "HS40",
             Value(|x| -(x[0] * x[1] * x[2] * x[3])),
-            vec![
-                |x| x[0].powi(3) + x[1] * x[1] - 1.0,
-                |x| x[0] * x[0] * x[3] - x[2],
-                |x| x[3] * x[3] - x[1],
-            ],
+            vec![|x| x[0].powi(3) + x[1] * x[1] - 1.0, |x| x[0] * x[0] * x[3] - x[2], |x| x[3] * x[3] - x[1]],
             vec![],
             &[0.8, 0.8, 0.8, 0.8],
-            &[-0.25],
+            // At the other one the curve of feasible points has an inflection.
+            &[-0.25, 0.0],
         ),
         Textbook::new(
             "HS42",
