@@ -119,7 +119,7 @@ fn qp(bencher: Bencher, points: usize) {
         let here = sqp::solve(problem, guess, options).iterate;
         let active = sinew::internals::nlp::polish::active(&here.inequalities);
         let mut kkt = Kkt::new(problem);
-        let mut state = State::new(&mut kkt, problem, here);
+        let mut state = State::new(&mut kkt, problem, here, options.progress);
         let ceiling = Ceiling { most: options.damping.exact, is_in_doubt: false };
         let mut damping = IN_TURN[0];
         bencher.bench_local(|| {

@@ -17,7 +17,7 @@ use crate::deadline::Deadline;
 use crate::methods::InverseProblem;
 use crate::model::Model;
 use crate::motion::Measurement;
-use crate::nlp::subproblem::clarabel::QuadraticProgramme;
+use crate::nlp::subproblem::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;
 use crate::numerics::bspline::SplineSpace;
 use crate::numerics::sparse::Sparse;

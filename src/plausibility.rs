@@ -63,7 +63,7 @@ pub const WARNING_KINDS: [WarningKind; 10] = [
     },
     WarningKind {
         code: "chatter",
-        limit: "an excitation that goes up and down by its whole range more than warn.chatter (4) times",
+        limit: "an excitation that goes up and down by its whole range more than warn.chatter (8) times",
         remedy: "nothing in the objective keeps excitations from alternating, and the finer the mesh, the more they do; \
                  mean forces change little, excitations and iterations much: set excitation_weight = 0.01",
     },

@@ -10,7 +10,7 @@ use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::{Kkt, KktValues, Rows};
 use crate::nlp::polish::active;
 use crate::nlp::problem::{Curvature, Problem, objective_rows};
-use crate::nlp::subproblem::clarabel::QuadraticProgramme;
+use crate::nlp::subproblem::qp::QuadraticProgramme;
 use crate::numerics::sparse::Sparse;
 use crate::outcome::SensitivityRow;
 use crate::problem::{Kind, QuantityId};

@@ -24,6 +24,7 @@ options! {
     /// All options of a solve.
     SqpOptions {
         termination: Termination = Termination::default(),
+        progress: ProgressOptions = ProgressOptions::default(),
         damping: DampingOptions = DampingOptions::default(),
         portfolio: PortfolioOptions = PortfolioOptions::default(),
         active_set: ActiveSetOptions = ActiveSetOptions::default(),
@@ -45,11 +46,18 @@ options! {
         /// Iterations go on to this as long as they help.
         target: f64 = 9e-9,
         max_iterations: usize = 300,
-        /// Iterations since the error last halved before one within the tolerance is good enough.
+        /// Idle iterations before an error within the tolerance is good enough.
         patience: usize = 30,
         /// Gives up as `TimeLimit` when this is past.
         #[serde(skip)]
         deadline: Deadline = Deadline::default(),
+    }
+
+    /// Idle iterations are those since the error last fell to a share of what it was.
+    ProgressOptions {
+        share: f64 = 0.5,
+        /// After so many idle iterations what is usually done does not help.
+        impatience: usize = 10,
     }
 
     /// δ, the weight of the proximal term in the Hessian.
@@ -57,11 +65,15 @@ options! {
         first: f64 = 1e-2,
         /// Floor: however small, it keeps muscles that run away from running further than it takes.
         floor: f64 = 1e-13,
-        /// The least that is raised.
+        /// Floor of an impatient solve, and the least that is raised.
         smallest: f64 = 1e-15,
         largest: f64 = 1e8,
         /// Largest δ with the exact Hessian, beyond which the convex one serves better.
-        exact: f64 = 2e-4,
+        exact: f64 = 5e-4,
+        /// The same for an impatient solve: the convex Hessian, however good far away, creeps here.
+        stubborn: f64 = 1e-2,
+        /// Without negative curvature δ starts no larger than this times the error, so that the last steps are Newton's.
+        per_error: f64 = 3e-3,
         /// Factor after a full step that did not raise it.
         lower: f64 = 0.2,
         /// Factor against negative curvature.
@@ -86,10 +98,13 @@ options! {
         /// An active set that has changed by no more rows than these, or one of so many, has settled.
         nearly: usize = 2,
         few: usize = 200,
+        /// Error above which what has been made convex stays so.
+        far: f64 = 1.0,
         /// Tolerance of the convex sub-problem: this share of the error, and no more.
         per_error: f64 = 1e-2,
-        /// Steps of an interior point: far from a solution, and below the error `near`.
+        /// Steps of an interior point: far from a solution, in an impatient solve, and below the error `near`.
         steps: usize = 1,
+        steps_idle: usize = 2,
         steps_near: usize = 4,
         near: f64 = 0.1,
     }
@@ -152,6 +167,9 @@ options! {
     LineSearchOptions {
         shorten: f64 = 0.5,
         smallest_fraction: f64 = 0.05,
+        /// Error below which f and θ are only noise, and a full step that leaves less than this share of the error is taken.
+        at_hand: f64 = 1e-2,
+        share: f64 = 0.7,
     }
 
     /// Second-order corrections: how many, while each leaves no more than this share of θ.
@@ -204,7 +222,7 @@ options! {
         damping: f64 = 1e-4,
         lower: f64 = 0.3,
         raise: f64 = 10.0,
-        /// Where the model of ½‖c‖² falls by less than this share of it a point is stationary.
+        /// Where the model of the violation's half square falls by less than this share of it a point is stationary.
         stationary: f64 = 1e-9,
     }
 

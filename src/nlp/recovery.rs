@@ -1,5 +1,8 @@
 //! What is tried where no step is accepted, one rung after another.
 
+use super::globalisation::filter::Filter;
+use super::options::SqpOptions;
+use super::state::State;
 use super::subproblem::{Quality, Step};
 
 /// The rung on which a point is.
@@ -14,6 +17,8 @@ pub struct Recovery {
 pub enum Next {
     /// Solve the sub-problem to its end: what is rough says nothing of δ.
     ToTheEnd,
+    /// Begin the filter anew: with a solution at hand what was met before may be all that is in the way.
+    NewFilter,
     /// Raise δ.
     RaiseDamping,
     /// Restore feasibility: where an interior point was rough, a larger δ does not help either.
@@ -22,10 +27,12 @@ pub enum Next {
 
 impl Recovery {
     /// After a step that was refused.
-    pub fn next(&mut self, step: &Step) -> Next {
+    pub fn next(&mut self, state: &State<'_>, step: &Step, filter: &Filter, options: &SqpOptions) -> Next {
         if step.quality == Quality::Rough {
             self.to_the_end = true;
             Next::ToTheEnd
+        } else if state.error.largest() < options.line_search.at_hand && !filter.is_empty() {
+            Next::NewFilter
         } else if self.to_the_end {
             Next::Restore
         } else {

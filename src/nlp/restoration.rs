@@ -10,7 +10,7 @@ use super::iterate::Iterate;
 use super::options::SqpOptions;
 use super::problem::{Curvature, Multipliers};
 use super::state::State;
-use super::subproblem::clarabel::{QpFailure, QuadraticProgramme};
+use super::subproblem::qp::{QpFailure, QuadraticProgramme};
 use super::termination::SqpStatus;
 use super::trace::Record;
 use crate::numerics::sparse::Sparse;

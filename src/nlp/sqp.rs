@@ -6,8 +6,8 @@
 //!     search        x + α d, α = 1, ½, … until the filter accepts; at α = 1 a second-order correction first
 //!     leap          along directions that are almost flat, where Newton's method creeps
 //!     extend        a step that δ or the convex Hessian has kept short, for as long as the objective falls
-//!     on failure    solve to its end what is rough; raise δ; restore feasibility, or begin the filter anew; give up as `stalled` or
-//!                   `infeasible`
+//!     on failure    solve to its end what is rough; with a solution at hand begin the filter anew; raise δ; restore feasibility, or begin
+//!                   the filter anew; give up as `stalled` or `infeasible`
 //! ```
 
 use super::acceleration::{extension, leap};
@@ -114,7 +114,7 @@ impl<'p> Solver<'p> {
         Self {
             options,
             filter: Filter::new(options.filter, here.violation()),
-            state: State::new(kkt, problem, here),
+            state: State::new(kkt, problem, here, options.progress),
             damping: Damping::new(options.damping),
             portfolio: Portfolio::new(active),
             factorised,
@@ -153,7 +153,7 @@ impl<'p> Solver<'p> {
 
     fn step_or_restore(&mut self, record: &mut Record) -> Result<(), SqpStatus> {
         self.state.models.begin(&self.state.here.x);
-        self.damping.begin();
+        self.damping.begin(self.state.error.largest(), &self.state.progress);
         let mut recovery = Recovery::default();
         for attempt in 1..=self.options.recovery.attempts {
             if self.is_late() {
@@ -176,8 +176,9 @@ impl<'p> Solver<'p> {
                 self.take(step, accepted, record);
                 return Ok(());
             }
-            match recovery.next(&step) {
+            match recovery.next(&self.state, &step, &self.filter, &self.options) {
                 Next::ToTheEnd => {}
+                Next::NewFilter => self.filter = Filter::new(self.options.filter, self.state.here.violation()),
                 Next::RaiseDamping => self.damping.after_refusal(step.damping),
                 Next::Restore => break,
             }
@@ -202,8 +203,10 @@ impl<'p> Solver<'p> {
             self.filter.add(state.pair());
         }
         state.move_to(trial);
+        // Steps so long that they go to and fro.
+        let is_too_long = state.progress.is_impatient() && state.error.largest() >= before;
         let is_whole = fraction == 1.0;
-        self.damping.after_step(step.damping, is_whole && record.refusals == 0);
+        self.damping.after_step(step.damping, is_whole && record.refusals == 0, !is_too_long, &state.progress);
         if is_whole && extension::is_worth(state, &step, before, options) {
             record.extension = extension::extend(state, &step, options);
         }

@@ -3,6 +3,7 @@
 use super::curvature::{Model, Models};
 use super::iterate::{Iterate, KktError};
 use super::kkt::{Inertia, Kkt, KktValues, Rows};
+use super::options::ProgressOptions;
 use super::problem::Problem;
 
 pub struct State<'p> {
@@ -15,9 +16,9 @@ pub struct State<'p> {
 }
 
 impl<'p> State<'p> {
-    pub fn new(kkt: &'p mut Kkt, problem: &'p dyn Problem, here: Iterate) -> Self {
+    pub fn new(kkt: &'p mut Kkt, problem: &'p dyn Problem, here: Iterate, options: ProgressOptions) -> Self {
         let models = Models::new(problem, &here.x);
-        Self { problem, kkt, error: here.kkt_error(), here, models, progress: Progress::default() }
+        Self { problem, kkt, error: here.kkt_error(), here, models, progress: Progress::new(options) }
     }
 
     /// `here + fraction · direction`, functions evaluated.
@@ -67,25 +68,28 @@ impl<'p> State<'p> {
 /// How long nothing has helped.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
-    /// The error when it last halved.
+    options: ProgressOptions,
+    /// The error when it last fell by its share.
     lowest: f64,
     /// Iterations since.
     pub idle: usize,
 }
 
-impl Default for Progress {
-    fn default() -> Self {
-        Self { lowest: f64::INFINITY, idle: 0 }
-    }
-}
-
 impl Progress {
+    fn new(options: ProgressOptions) -> Self {
+        Self { options, lowest: f64::INFINITY, idle: 0 }
+    }
+
     /// At each point, once.
     pub fn note(&mut self, error: f64) {
-        if error < 0.5 * self.lowest {
+        if error < self.options.share * self.lowest {
             (self.lowest, self.idle) = (error, 0);
         } else {
             self.idle += 1;
         }
+    }
+
+    pub fn is_impatient(&self) -> bool {
+        self.idle >= self.options.impatience
     }
 }

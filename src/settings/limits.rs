@@ -46,7 +46,7 @@ fn is_default_share(share: &f64) -> bool {
     *share == RESERVE_SHARE
 }
 
-const SWINGS: f64 = 4.0;
+const SWINGS: f64 = 8.0;
 
 fn are_default_swings(swings: &f64) -> bool {
     *swings == SWINGS

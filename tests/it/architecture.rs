@@ -18,7 +18,7 @@ fn sources(folder: &Path) -> Vec<(String, String)> {
 #[test]
 fn one_door_a_crate() {
     let doors = [
-        ("clarabel::", "nlp/subproblem/clarabel.rs"),
+        ("clarabel::", "nlp/subproblem/qp.rs"),
         ("polars::", "tables/parquet.rs"),
         ("rayon::", "run/"),
         ("indicatif::", "run/"),

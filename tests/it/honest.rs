@@ -400,6 +400,7 @@ fn every_kind_of_warning_is_given_where_it_belongs() {
         ("fast_motion", "'motion.elbow_angle_scale' = 57.3\nmax_iterations = 1", 80.0),
         ("mesh", "stages = 1\nh = 0.2\nbounds = 'both_boxed'", 110.0),
         ("fibre_velocity", "bounds = 'both_boxed'\nwarn.fibre_velocity = 0.1", 80.0),
+        ("chatter", "bounds = 'both_boxed'\nwarn.chatter = 2", 80.0),
     ] {
         let (table, said) = run(elbow_study(&base.replace("h = 0.2", ""), "", to));
         let codes = table("jobs").text("warnings", 0).unwrap_or("").to_owned();

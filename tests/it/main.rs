@@ -4,6 +4,7 @@ mod analytic;
 mod architecture;
 mod bad_input;
 mod browser;
+mod chatter;
 mod cli;
 mod commands;
 mod compare;

@@ -26,8 +26,12 @@ pub fn search(state: &mut State<'_>, filter: &Filter, step: &mut Step, options: 
         let mut trial = state.at(&step.direction, fraction);
         let mut verdict = judge(&trial, fraction);
         if fraction == 1.0 && verdict == Verdict::Rejected && trial.is_finite() {
-            let corrected = correction::correct(state, step, &trial, options, |trial| judge(trial, 1.0));
-            (trial, verdict) = corrected.unwrap_or((trial, verdict));
+            if lowers_the_error(state, &trial, step, options) {
+                verdict = Verdict::Progress;
+            } else if let Some(corrected) = correction::correct(state, step, &trial, options, |trial| judge(trial, 1.0))
+            {
+                (trial, verdict) = corrected;
+            }
         }
         if verdict != Verdict::Rejected {
             return Some(Accepted { trial, fraction, verdict });
@@ -35,4 +39,17 @@ pub fn search(state: &mut State<'_>, filter: &Filter, step: &mut Step, options: 
         fraction *= options.line_search.shorten;
     }
     None
+}
+
+/// With a solution at hand a full step that lowers the error is taken.
+fn lowers_the_error(state: &State<'_>, trial: &Iterate, step: &Step, options: &SqpOptions) -> bool {
+    let error = state.error.largest();
+    if error >= options.line_search.at_hand {
+        return false;
+    }
+    let mut full = trial.clone();
+    full.equality_multipliers.copy_from_slice(&step.equality_multipliers);
+    full.inequality_multipliers.copy_from_slice(&step.inequality_multipliers);
+    full.differentiate(state.problem);
+    full.kkt_error().largest() < options.line_search.share * error
 }

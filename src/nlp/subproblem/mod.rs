@@ -6,16 +6,16 @@
 //!     1. H = ∇²L, by its active set, from the last one, if that has settled (active_set)
 //!     2. else: H = ∇²L, by an interior point that goes on where the last one ended (interior_point)
 //!     3. where that needs a large δ: H = ∇²L without its negative curvature, likewise, until the active set settles
-//!     4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (clarabel)
+//!     4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (qp)
 //! ```
 //!
 //! Far from a solution the convex Hessian is the better model: a δ that covers all negative curvature shortens every step, leaving it out
 //! only those along it.
 
 pub mod active_set;
-pub mod clarabel;
 pub mod interior_point;
 pub mod portfolio;
+pub mod qp;
 
 use super::curvature::Model;
 

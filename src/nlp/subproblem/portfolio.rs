@@ -1,8 +1,8 @@
 //! Which way of solving the sub-problem is tried, given what became of the last one.
 
 use super::active_set::{self, Ceiling};
-use super::clarabel::{QpFailure, QuadraticProgramme};
 use super::interior_point::{self, Interior, Manner};
+use super::qp::{QpFailure, QuadraticProgramme};
 use super::{NoStep, Quality, Step, Way};
 use crate::nlp::curvature::Model;
 use crate::nlp::options::SqpOptions;
@@ -26,6 +26,8 @@ struct Question {
     /// δ to begin with, and that with the exact Hessian.
     delta: f64,
     exact_delta: f64,
+    /// Largest δ with the exact Hessian.
+    most: f64,
     /// Whether the exact Hessian is likely to need more.
     is_in_doubt: bool,
     /// Whether an interior point is to go to its end.
@@ -59,10 +61,12 @@ impl Portfolio {
         delta: f64,
         to_the_end: bool,
     ) -> Result<Step, NoStep> {
+        let error = state.error.largest();
         let is_in_doubt = std::mem::take(&mut self.was_convexified);
         // What was lowered with the convex Hessian says nothing of the exact one.
-        let exact_delta = if is_in_doubt { delta.max(options.damping.exact) } else { delta };
-        let question = Question { delta, exact_delta, is_in_doubt, to_the_end };
+        let exact_delta = if is_in_doubt { delta.max(options.damping.near_solution(error)) } else { delta };
+        let question =
+            Question { delta, exact_delta, most: options.damping.most_exact(&state.progress), is_in_doubt, to_the_end };
         let found = self.by_second_derivatives(state, options, &question);
         let step = match found.or_else(|| self.by_gauss_newton(state, options, &question)) {
             Some(step) => step,
@@ -80,14 +84,15 @@ impl Portfolio {
         question: &Question,
     ) -> Option<Step> {
         let ways = &options.portfolio;
+        let far = state.error.largest() > ways.far && !ways.to_the_end;
         // What had to be made convex is so until the active set settles; then the exact Hessian is asked again.
-        let mut hopeless = question.is_in_doubt && !self.is_settled;
+        let mut hopeless = question.is_in_doubt && (far || !self.is_settled);
         let guess = self.active.clone()?;
         if !hopeless && self.is_settled && ways.guesses {
-            let ceiling = Ceiling { most: options.damping.exact, is_in_doubt: question.is_in_doubt };
+            let ceiling = Ceiling { most: question.most, is_in_doubt: question.is_in_doubt };
             match active_set::solve(state, options, question.exact_delta, ceiling, &guess) {
                 Ok(step) => return Some(step),
-                Err(why) => hopeless = why == NoStep::TooCurved || question.exact_delta > options.damping.exact,
+                Err(why) => hopeless = why == NoStep::TooCurved || question.exact_delta > question.most,
             }
         }
         // Guessing does not settle on degenerate active sets; an interior point is never in doubt.
@@ -112,7 +117,7 @@ impl Portfolio {
         let error = state.error.largest();
         let coarse = options.interior_point.coarse;
         let (least, most, tolerance) = match model {
-            Model::Exact => (question.exact_delta, options.damping.exact, options.interior_point.fine),
+            Model::Exact => (question.exact_delta, question.most, options.interior_point.fine),
             _ if ways.to_the_end => (question.delta, f64::INFINITY, coarse),
             _ => (question.delta, f64::INFINITY, (ways.per_error * error).clamp(coarse, ways.per_error)),
         };
@@ -148,6 +153,7 @@ fn manner(state: &State<'_>, options: &SqpOptions, most: f64, tolerance: f64, is
     let steps = match state.error.largest() {
         _ if is_plain => options.interior_point.max_iterations,
         error if error < ways.near => ways.steps_near,
+        _ if state.progress.is_impatient() => ways.steps_idle,
         _ => ways.steps,
     };
     Manner { most, tolerance, steps, is_plain }

@@ -106,31 +106,6 @@ fn the_trace_accounts_for_all_work() {
 }
 
 #[test]
-fn zz_trace() {
-    let far: textbook::Function = |x| x[0] * x[0] * x[0] * x[0] * 1e-4 - x[0] * x[0];
-    let problem = Textbook::new("far", Objective::Value(far), vec![], vec![], &[0.01], &[-2500.0]);
-    let outcome = solved(&problem);
-    for (k, r) in outcome.trace.iter().enumerate().take(50) {
-        println!(
-            "{k:3} f {:12.6e} stat {:.1e} feas {:.1e} step {:.1e} δ {:.0e} α {:.3} {} ref {} leap {} ext {} {} fact {} x {:.3?}",
-            r.objective,
-            r.error.stationarity,
-            r.error.feasibility,
-            r.step_norm,
-            r.damping.unwrap_or(0.0),
-            r.fraction.unwrap_or(0.0),
-            r.way.map_or("-", |w| w.name()),
-            r.refusals,
-            r.leap,
-            r.extension,
-            if r.is_restored { "restored" } else { "" },
-            r.factorisations,
-            r.x
-        );
-    }
-}
-
-#[test]
 fn the_same_solve_twice_is_the_same() {
     for problem in textbook::all() {
         let [one, other] = [(); 2].map(|()| solved(&problem));
