@@ -275,9 +275,6 @@ pub fn goals(
         let instants = effort_instants(scheme, measurement, settings);
         let (activation, muscles) = (inverse.muscles.activation, model.muscles.len());
         all.push(goals::effort(activation, muscles, &instants, settings.mu, settings.effort_power));
-        if let Some(w) = std::env::var("EU").ok().and_then(|v| v.parse::<f64>().ok()) {
-            all.push(goals::effort(inverse.muscles.excitation, muscles, &instants, settings.mu * w, 2.0));
-        }
         if settings.excitation_weight > 0.0 {
             let weights = vec![settings.mu * settings.excitation_weight.sqrt(); muscles];
             let own = excitation_instants(scheme, &instants, settings);

@@ -40,6 +40,6 @@ impl Block for Activation<'_> {
 
     fn weigh(&self, _z: &[f64], weights: &mut [f64]) {
         weights[self.activation] = self.step_weight;
-        weights[self.excitation] = std::env::var("UW").map_or(0.1, |v| v.parse().unwrap()) * self.step_weight;
+        weights[self.excitation] = 0.1 * self.step_weight;
     }
 }

@@ -166,9 +166,8 @@ impl Block for Contraction<'_> {
     fn weigh(&self, z: &[f64], weights: &mut [f64]) {
         let bend = self.muscle.force_velocity.shortening * self.muscle.max_shortening_velocity;
         let velocity = 1.0 / (bend + z[self.velocity].abs());
-        weights[self.length] = std::env::var("LW").map_or(10.0, |v| v.parse().unwrap()) * self.step_weight;
-        weights[self.velocity] =
-            std::env::var("VW").map_or(1.0, |v| v.parse().unwrap()) * self.step_weight * velocity * velocity;
+        weights[self.length] = 10.0 * self.step_weight;
+        weights[self.velocity] = self.step_weight * velocity * velocity;
     }
 
     fn print(&self, z: &[f64], residuals: &mut [f64]) {
