@@ -1,11 +1,11 @@
-//! What each ingredient and number of the solver is worth: each is switched off, halved and doubled, on problems the numbers were chosen on
-//! and on others.
+//! What each ingredient and number of the solver is worth: each is switched off, halved and doubled, on problems the
+//! numbers were chosen on and on others.
 //!
-//! `cargo bench --bench ablation -- [--every N] [option=value …] [part of an option's name …]` prints a CSV table; N: every Nth job of the
-//! large studies; `option=value` changes what is usual.
+//! `cargo bench --bench ablation -- [--every N] [option=value …] [part of an option's name …]` prints a CSV table; N:
+//! every Nth job of the large studies; `option=value` changes what is usual.
 //!
-//! Failures, and the median and 90th percentile of factorisations over the problems, one that fails counting as the largest. CPU is that of all
-//! problems over that with the usual numbers; failures that take long make it large.
+//! Failures, and the median and 90th percentile of factorisations over the problems, one that fails counting as the
+//! largest. CPU is that of all problems over that with the usual numbers; failures that take long make it large.
 
 #[allow(dead_code)]
 #[path = "../tests/it/nlp/textbook.rs"]
@@ -23,13 +23,13 @@ use sinew::internals::nlp::problem::Problem;
 use sinew::internals::nlp::sqp::solve_with;
 use sinew::internals::nlp::termination::SqpStatus;
 use sinew::internals::prepare::{Prepared, Task};
-use sinew::internals::settings::Settings;
 use sinew::internals::starts::disturb;
-use sinew::internals::study::Study;
+use sinew::internals::study::{Job, Study};
 
 /// What does not converge in so many iterations is a failure here.
 const MAX_ITERATIONS: usize = 150;
-/// (study, every Nth job of it) that the numbers were chosen on, and others; of large studies every `--every`th of these.
+/// (study, every Nth job of it) that the numbers were chosen on, and others; of large studies every `--every`th of
+/// these.
 const TUNING: [(&str, usize); 2] = [("table1.toml", 1), ("robustness.toml", 1)];
 const HELD_OUT: [(&str, usize); 5] =
     [("robustness.toml", 1), ("pedal.toml", 2), ("arm26.toml", 1), ("table1_radau.toml", 9), ("abduction.toml", 36)];
@@ -125,17 +125,13 @@ fn cases(studies: &[(&str, usize)], every: usize, seed: Option<u64>) -> Vec<Case
         std::fs::write(&other, text.replace("\"../", "\"../../")).expect("a file to write");
         let study: &'static Study = Box::leak(Box::new(Study::load(&other).expect("a shipped study")));
         let step = if study.jobs.len() > LARGE { step * every } else { step };
-        cases.extend(study.jobs.iter().step_by(step).filter_map(|job| case(study, &job.settings, job.points, job)));
+        cases.extend(study.jobs.iter().step_by(step).filter_map(|job| case(study, job)));
     }
     cases
 }
 
-fn case(
-    study: &'static Study,
-    settings: &'static Settings,
-    points: usize,
-    job: &'static sinew::internals::study::Job,
-) -> Option<Case> {
+fn case(study: &'static Study, job: &'static Job) -> Option<Case> {
+    let (settings, points) = (&job.settings, job.points);
     let model = Box::leak(Box::new(study.model_of(job).ok()?));
     let task = Task { model, motion: &study.motion, settings, points };
     let prepared: &'static Prepared<'_> = Box::leak(Box::new(Prepared::new(task, Deadline::default()).ok()?));

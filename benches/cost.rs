@@ -10,7 +10,7 @@ use std::time::Instant as Clock;
 
 use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::iterate::Iterate;
-use sinew::internals::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::internals::nlp::kkt::{Kkt, Rows};
 use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::{Curvature, Problem};
 use sinew::internals::nlp::sqp;
@@ -81,14 +81,7 @@ fn cost(study: &Study, job: &Job) -> Option<Cost> {
     let mut damping = 1e-2;
     let factorisation = fastest(|| {
         damping *= 1.1;
-        black_box(kkt.factorise(&KktValues {
-            hessian: &hessian,
-            metric: &metric,
-            damping,
-            equalities: &here.equality_jacobian,
-            inequalities: &here.inequality_jacobian,
-            rows: Rows::Active(&active),
-        }))
+        black_box(kkt.factorise(&here.system((&hessian, &metric), damping, Rows::Active(&active))))
     });
 
     let mut outcome = None;

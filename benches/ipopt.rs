@@ -1,8 +1,8 @@
-//! The same problems by IPOPT and by this solver, side by side: iterations and time, with the same functions and exact derivatives, from the
-//! same start guess.
+//! The same problems by IPOPT and by this solver, side by side: iterations and time, with the same functions and exact
+//! derivatives, from the same start guess.
 //!
-//! `IPOPT=path/to/libipopt.so cargo bench --bench ipopt -- STUDY N …` solves every Nth job of each study. The library comes, for
-//! example, with `pip install casadi`.
+//! `IPOPT=path/to/libipopt.so cargo bench --bench ipopt -- STUDY N …` solves every Nth job of each study. The library
+//! comes, for example, with `pip install casadi`.
 
 use std::ffi::{CString, c_char, c_int, c_void};
 use std::path::Path;
@@ -18,7 +18,7 @@ use sinew::internals::nlp::termination::SqpStatus;
 use sinew::internals::numerics::sparse::Sparse;
 use sinew::internals::prepare::{Prepared, Task};
 use sinew::internals::starts::disturb;
-use sinew::internals::study::Study;
+use sinew::internals::study::{Job, Study};
 
 /// What IPOPT takes for no bound.
 const INFINITE: f64 = 1e20;
@@ -39,7 +39,7 @@ fn main() {
     }
 }
 
-fn compare(library: &Library, study: &Study, job: &sinew::internals::study::Job) {
+fn compare(library: &Library, study: &Study, job: &Job) {
     let (settings, points) = (&job.settings, job.points);
     let Ok(model) = study.model_of(job) else { return };
     let task = Task { model: &model, motion: &study.motion, settings, points };

@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 use divan::{Bencher, black_box};
 use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::iterate::Iterate;
-use sinew::internals::nlp::kkt::{Kkt, KktValues, Rows};
+use sinew::internals::nlp::kkt::{Kkt, Rows};
 use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::{Curvature, Problem};
 use sinew::internals::nlp::regularity::RankCounter;
@@ -99,14 +99,7 @@ fn factorisation(bencher: Bencher, points: usize) {
         let mut damping = IN_TURN[0];
         bencher.bench_local(|| {
             damping = IN_TURN[0] + IN_TURN[1] - damping;
-            kkt.factorise(&KktValues {
-                hessian: &hessian,
-                metric: &metric,
-                damping,
-                equalities: &here.equality_jacobian,
-                inequalities: &here.inequality_jacobian,
-                rows: Rows::Active(&active),
-            })
+            kkt.factorise(&here.system((&hessian, &metric), damping, Rows::Active(&active)))
         });
     });
 }

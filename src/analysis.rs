@@ -13,7 +13,7 @@ use crate::nlp::polish::{ACTIVE, active, polish};
 use crate::nlp::regularity::{self, RankCounter};
 use crate::nlp::sqp::SqpOutcome;
 use crate::nlp::termination::SqpStatus;
-use crate::nlp::trace::Record;
+use crate::nlp::trace::{Record, distance};
 use crate::outcome::{
     IterationRow, JobRow, MatrixRank, OptimumRow, Outcome, RegularityRow, SpectrumRow, Status, StepRow,
 };
@@ -310,7 +310,6 @@ fn iteration_rows(
                 let iterate = Iterate::new(problem, record.x.clone());
                 counter.deficiencies(&iterate, &active_rows(problem, &iterate).0)
             });
-            let distance = record.x.iter().zip(solution).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
             IterationRow {
                 iteration: iteration as i64,
                 objective: record.objective,
@@ -318,7 +317,7 @@ fn iteration_rows(
                 feasibility: record.error.feasibility,
                 complementarity: record.error.complementarity,
                 step_norm: record.step_norm,
-                distance_to_solution: distance,
+                distance_to_solution: distance(&record.x, solution),
                 qp_iterations: record.qp_iterations as i64,
                 deficiency_a: deficiencies.map(|d| d.0 as i64),
                 deficiency_aj: deficiencies.map(|d| d.1 as i64),

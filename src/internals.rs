@@ -51,7 +51,7 @@ pub mod nlp {
         pub use crate::nlp::iterate::Iterate;
     }
     pub mod kkt {
-        pub use crate::nlp::kkt::{Kkt, KktValues, Rows};
+        pub use crate::nlp::kkt::{Kkt, Rows};
     }
     pub mod options {
         pub use crate::nlp::options::SqpOptions;

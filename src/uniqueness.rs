@@ -7,7 +7,7 @@ use crate::deadline::Deadline;
 use crate::methods::InverseProblem;
 use crate::model::Model;
 use crate::nlp::iterate::Iterate;
-use crate::nlp::kkt::{Kkt, KktValues, Rows};
+use crate::nlp::kkt::{Kkt, Rows};
 use crate::nlp::polish::active;
 use crate::nlp::problem::{Curvature, Problem, objective_rows};
 use crate::nlp::subproblem::qp::QuadraticProgramme;
@@ -281,14 +281,8 @@ impl<'k> Linearised<'k> {
         let [_, _, pattern] = problem.patterns();
         let (mut hessian, metric) = (pattern.clone(), pattern.clone());
         problem.hessian(&iterate.x, iterate.multipliers(), Curvature::Exact, &mut hessian);
-        let inertia = kkt.factorise(&KktValues {
-            hessian: &hessian,
-            metric: &metric,
-            damping: 0.0,
-            equalities: &iterate.equality_jacobian,
-            inequalities: &iterate.inequality_jacobian,
-            rows: Rows::Active(&active(&iterate.inequalities)),
-        })?;
+        let active = active(&iterate.inequalities);
+        let inertia = kkt.factorise(&iterate.system((&hessian, &metric), 0.0, Rows::Active(&active)))?;
         let unknowns = iterate.x.len();
         (inertia.positive == unknowns).then_some(Self { kkt, unknowns })
     }

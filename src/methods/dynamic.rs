@@ -1,7 +1,7 @@
 //! `dynamic`: the motion and the muscles over time together, eqs (1)–(4), (13), (16) and (26) of the thesis, Paper B.
 //!
-//! With `scheme = "midpoint"` in q, q̇ and q̈ of one function q of time, as in the thesis; with `radau` in q and v, with the
-//! joints on the velocity level too.
+//! With `scheme = "midpoint"` in q, q̇ and q̈ of one function q of time, as in the thesis; with `radau` in q and v,
+//! with the joints on the velocity level too.
 
 use std::sync::Arc;
 
@@ -237,8 +237,8 @@ fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariable
     }
 }
 
-/// Where efforts are taken: times (s) and weights. Of the thesis' sum of squares the load-sharing grid with weights of 1; of
-/// another power the instants and weights (s) of a quadrature.
+/// Where efforts are taken: times (s) and weights. Of the thesis' sum of squares the load-sharing grid with weights of
+/// 1; of another power the instants and weights (s) of a quadrature.
 pub fn effort_instants(scheme: &dyn Discretisation, measurement: &Measurement, settings: &Settings) -> Vec<(f64, f64)> {
     if settings.effort_power != 2.0 {
         return gauss(scheme.breakpoints()).collect();
@@ -250,8 +250,8 @@ pub fn effort_instants(scheme: &dyn Discretisation, measurement: &Measurement, s
     times.iter().map(|&t| (t, 1.0)).collect()
 }
 
-/// Where excitations are taken: the points at which they are unknowns, with the weights of the scheme's quadrature, in all as much as the instants
-/// of the efforts.
+/// Where excitations are taken: the points at which they are unknowns, with the weights of the scheme's quadrature, in
+/// all as much as the instants of the efforts.
 fn excitation_instants(scheme: &dyn Discretisation, efforts: &[(f64, f64)], settings: &Settings) -> Vec<(f64, f64)> {
     let quadrature = scheme.quadrature();
     let duration: f64 = quadrature.iter().sum();

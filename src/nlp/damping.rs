@@ -1,8 +1,8 @@
 //! δ, the weight of the proximal term: the Hessian of a sub-problem is H + δ D, D being the problem's own metric.
 //!
-//! It is raised until that is positive definite where the active constraints vanish (the factorisation's inertia tells), and falls after
-//! each full step that did not raise it, and to a share of the error where there is no negative curvature, so that the last steps are Newton's
-//! and converge quadratically.
+//! It is raised until that is positive definite where the active constraints vanish (the factorisation's inertia
+//! tells), and falls after each full step that did not raise it, and to a share of the error where there is no negative
+//! curvature, so that the last steps are Newton's and converge quadratically.
 
 use super::options::DampingOptions;
 use super::state::Progress;

@@ -1,5 +1,6 @@
 //! A point of the iteration with everything evaluated there, and its three KKT residuals.
 
+use super::kkt::{KktValues, Rows};
 use super::problem::{Multipliers, Problem};
 use crate::numerics::larger;
 use crate::numerics::sparse::Sparse;
@@ -64,8 +65,8 @@ impl Iterate {
         iterate
     }
 
-    /// `self` moved by `fraction · direction`: its functions and its multipliers. First derivatives are there only after
-    /// [`Iterate::differentiate`].
+    /// `self` moved by `fraction · direction`: its functions and its multipliers. First derivatives are there only
+    /// after [`Iterate::differentiate`].
     pub fn moved(&self, problem: &dyn Problem, direction: &[f64], fraction: f64) -> Self {
         let mut moved = Self {
             x: self.x.iter().zip(direction).map(|(x, d)| x + fraction * d).collect(),
@@ -112,6 +113,25 @@ impl Iterate {
         self.equality_jacobian.add_transpose_product(1.0, &self.equality_multipliers, &mut gradient);
         self.inequality_jacobian.add_transpose_product(-1.0, &self.inequality_multipliers, &mut gradient);
         gradient
+    }
+
+    /// The KKT matrix with this point's Jacobians, and damping δ.
+    pub fn system<'a>(
+        &'a self,
+        (hessian, metric): (&'a Sparse, &'a Sparse),
+        damping: f64,
+        rows: Rows<'a>,
+    ) -> KktValues<'a> {
+        let (equalities, inequalities) = (&self.equality_jacobian, &self.inequality_jacobian);
+        KktValues { hessian, metric, damping, equalities, inequalities, rows }
+    }
+
+    /// The right-hand side of the least step onto the equalities and `active` inequalities.
+    pub fn onto_constraints(&self, active: &[bool]) -> Vec<f64> {
+        let mut right = vec![0.0; self.x.len()];
+        right.extend(self.equalities.iter().map(|c| -c));
+        right.extend(self.inequalities.iter().zip(active).map(|(d, active)| if *active { -d } else { 0.0 }));
+        right
     }
 
     /// Constraint violation ‖c‖₁ + ‖min(d, 0)‖₁.

@@ -134,8 +134,9 @@ impl Kkt {
         self.fill(values).then(|| self.factors.factorise(&self.matrix.values)).flatten()
     }
 
-    /// Factorises and, where the Hessian is positive definite on the null space of the rows kept, solves as [`Kkt::solve_roughly`] does, in less time
-    /// than one after the other. `None`, as soon as the pivots show it, where it is not.
+    /// Factorises and, where the Hessian is positive definite on the null space of the rows kept, solves as
+    /// [`Kkt::solve_roughly`] does, in less time than one after the other. `None`, as soon as the pivots show it, where
+    /// it is not.
     pub fn solve_convex(
         &mut self,
         values: &KktValues<'_>,
@@ -198,8 +199,9 @@ impl Kkt {
         self.refine(right_hand_side, solution, f64::INFINITY, false, EXACT)
     }
 
-    /// [`Kkt::solve`] to a residual small enough for a step that is corrected by the next one. Where the last such solution with the same
-    /// factorisation needed no refinement this one is not looked at, and its residual taken for as small.
+    /// [`Kkt::solve`] to a residual small enough for a step that is corrected by the next one. Where the last such
+    /// solution with the same factorisation needed no refinement this one is not looked at, and its residual taken for
+    /// as small.
     pub fn solve_roughly(&mut self, right_hand_side: &[f64], solution: &mut [f64]) -> f64 {
         self.begin(right_hand_side, solution);
         if self.is_accurate { ROUGH } else { self.refine(right_hand_side, solution, 1.0, false, ROUGH) }
@@ -226,7 +228,8 @@ impl Kkt {
         self.correction.copy_from_slice(solution);
     }
 
-    /// Corrects the solution until its residual is small `enough` or no longer halves, `best` being that before the last correction.
+    /// Corrects the solution until its residual is small `enough` or no longer halves, `best` being that before the
+    /// last correction.
     fn refine(
         &mut self,
         right_hand_side: &[f64],

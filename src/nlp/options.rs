@@ -1,5 +1,5 @@
-//! Every number of the solver, by ingredient. None depends on the application: quantities are of the scaled problem, and "error" is the
-//! largest of its three KKT residuals. `results/baselines/ablation` shows what each is worth.
+//! Every number of the solver, by ingredient. None depends on the application: quantities are of the scaled problem,
+//! and "error" is the largest of its three KKT residuals. `cargo bench --bench ablation` shows what each is worth.
 
 use serde::{Deserialize, Serialize};
 
@@ -72,7 +72,8 @@ options! {
         exact: f64 = 5e-4,
         /// The same for an impatient solve: the convex Hessian, however good far away, creeps here.
         stubborn: f64 = 1e-2,
-        /// Without negative curvature δ starts no larger than this times the error, so that the last steps are Newton's.
+        /// Without negative curvature δ starts no larger than this times the error, so that the last steps are
+        /// Newton's.
         per_error: f64 = 3e-3,
         /// Factor after a full step that did not raise it.
         lower: f64 = 0.2,
@@ -114,7 +115,8 @@ options! {
         rounds: usize = 12,
         /// A linear system solved worse than this (relative) is one of contradicting constraints.
         accuracy: f64 = 1e-6,
-        /// More wrong rows than these, one of so many, are too many when a round does not halve them; and at first one of so many.
+        /// More wrong rows than these, one of so many, are too many when a round does not halve them; and at first one
+        /// of so many.
         nearly: usize = 4,
         few: usize = 200,
         many: usize = 10,
@@ -131,8 +133,8 @@ options! {
         /// Tolerance of a sub-problem that is a model of the Lagrangian to second order, and of one that is not.
         fine: f64 = 1e-9,
         coarse: f64 = 1e-6,
-        /// Gondzio's corrections: how many, by how much they aim further, what they must gain, the step long enough without them and
-        /// the range of s ν, in its aim, that they leave alone.
+        /// Gondzio's corrections: how many, by how much they aim further, what they must gain, the step long enough
+        /// without them and the range of s ν, in its aim, that they leave alone.
         corrections: usize = 4,
         further_factor: f64 = 1.08,
         further: f64 = 0.08,
@@ -143,8 +145,8 @@ options! {
         /// The start: least slack, and multiplier in the gradient's size; how far the lowest comes above zero.
         least_slack: f64 = 1e-2,
         raise: f64 = 1.1,
-        /// A start from the last sub-problem: its s ν is at least `drawn_back` E^1.5 in the gradient's size, E the error, and a
-        /// multiplier makes no product further from that than by the factor `centred`.
+        /// A start from the last sub-problem: its s ν is at least `drawn_back` E^1.5 in the gradient's size, E the
+        /// error, and a multiplier makes no product further from that than by the factor `centred`.
         drawn_back: f64 = 3e-2,
         least_product: f64 = 1e-12,
         centred: f64 = 100.0,
@@ -167,7 +169,8 @@ options! {
     LineSearchOptions {
         shorten: f64 = 0.5,
         smallest_fraction: f64 = 0.05,
-        /// Error below which f and θ are only noise, and a full step that leaves less than this share of the error is taken.
+        /// Error below which f and θ are only noise, and a full step that leaves less than this share of the error is
+        /// taken.
         at_hand: f64 = 1e-2,
         share: f64 = 0.7,
     }
@@ -184,7 +187,8 @@ options! {
         longest: f64 = 64.0,
         /// How much longer the next one tried is.
         longer: f64 = 4.0,
-        /// It must leave less than this share of the error that the one before has left; the best less than this of a plain step's.
+        /// It must leave less than this share of the error that the one before has left; the best less than this of a
+        /// plain step's.
         much: f64 = 0.5,
         better: f64 = 0.7,
         /// A plain step that leaves less than this share of the error is only corrected.

@@ -2,7 +2,7 @@
 //! a bound at 1e-9 instead of 0 miscount.
 
 use super::iterate::Iterate;
-use super::kkt::{Kkt, KktValues, Rows};
+use super::kkt::{Kkt, Rows};
 use super::problem::Problem;
 
 /// A bound is active when its slack is at most this, by value; weakly active bounds included.
@@ -15,8 +15,8 @@ pub fn active(values: &[f64]) -> Vec<bool> {
     values.iter().map(|&slack| slack <= ACTIVE).collect()
 }
 
-/// The point next to `x` (least change) where `c = 0` and the `active` rows of d vanish, to 1e-13 of the largest unknown
-/// (fibre lengths that alternate widely leave no more digits).
+/// The point next to `x` (least change) where `c = 0` and the `active` rows of d vanish, to 1e-13 of the largest
+/// unknown (fibre lengths that alternate widely leave no more digits).
 ///
 /// `kkt`: that of this problem. `None` if Newton's method on them does not get there.
 pub fn polish(kkt: &mut Kkt, problem: &dyn Problem, x: &[f64], active: &[bool]) -> Option<Vec<f64>> {
@@ -28,29 +28,15 @@ pub fn polish(kkt: &mut Kkt, problem: &dyn Problem, x: &[f64], active: &[bool]) 
         }
     }
     let mut here = Iterate::new(problem, x.to_vec());
-    let (n, me) = (x.len(), here.equalities.len());
     let mut solution = vec![0.0; kkt.order()];
     for _ in 0..STEPS {
-        let mut right = vec![0.0; kkt.order()];
-        right[n..n + me].iter_mut().zip(&here.equalities).for_each(|(r, c)| *r = -c);
-        for (row, &is_active) in active.iter().enumerate() {
-            if is_active {
-                right[n + me + row] = -here.inequalities[row];
-            }
-        }
+        let right = here.onto_constraints(active);
         let size = right.iter().fold(0.0f64, |a, r| a.max(r.abs()));
         let largest = here.x.iter().fold(1.0f64, |a, x| a.max(x.abs()));
         if size <= EXACT * largest {
             return Some(here.x);
         }
-        kkt.factorise(&KktValues {
-            hessian: &identity,
-            metric: &identity,
-            damping: 0.0,
-            equalities: &here.equality_jacobian,
-            inequalities: &here.inequality_jacobian,
-            rows: Rows::Active(active),
-        })?;
+        kkt.factorise(&here.system((&identity, &identity), 0.0, Rows::Active(active)))?;
         kkt.solve(&right, &mut solution);
         here.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
         here.evaluate(problem);

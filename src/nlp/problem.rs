@@ -29,7 +29,8 @@ pub trait Problem: Sync {
         None
     }
 
-    /// The stage in time of each variable; constraints tie only near stages, which makes the linear algebra linear in time.
+    /// The stage in time of each variable; constraints tie only near stages, which makes the linear algebra linear in
+    /// time.
     fn stages(&self) -> &[usize];
 
     /// The stages of the equalities and of the inequalities: where their multipliers are best eliminated.

@@ -6,12 +6,13 @@
 //! - Row deficiency of [Aᵀ Jᵀ] = n − rank([A; J]): directions that change neither constraints nor residuals to first
 //!   order. Zero: the quadratic sub-problem has one solution.
 //!
-//! Both are taken in the scaling that the problem is solved in: reactions and eq. (1) in total weights, eq. (3) in tendon
-//! strain, eq. (4) times τ, Φ in m and rad; rows are not scaled otherwise. The thesis prints deficiencies as negative
-//! numbers; here they are counts.
+//! Both are taken in the scaling that the problem is solved in: reactions and eq. (1) in total weights, eq. (3) in
+//! tendon strain, eq. (4) times τ, Φ in m and rad; rows are not scaled otherwise. The thesis prints deficiencies as
+//! negative numbers; here they are counts.
 //!
-//! Pivots are counted stage by stage in time ([`StagedSpectrum`]), linear in the number of points. Two independent checks give the same
-//! numbers for problems that are not too large: a dense singular value decomposition, and QR with column pivoting.
+//! Pivots are counted stage by stage in time ([`StagedSpectrum`]), linear in the number of points. Two independent
+//! checks give the same numbers for problems that are not too large: a dense singular value decomposition, and QR with
+//! column pivoting.
 
 use faer::Mat;
 
@@ -26,7 +27,8 @@ use crate::numerics::spectrum::{Side, StagedSpectrum};
 const AROUND_CUT: usize = 6;
 /// Between these fractions of σ_max a singular value is neither clearly zero nor clearly not.
 const AMBIGUOUS: (f64, f64) = (1e-15, 1e-9);
-/// Singular values above the cut are known to this relative precision; those below, which are rounding, to a factor of two.
+/// Singular values above the cut are known to this relative precision; those below, which are rounding, to a factor of
+/// two.
 const PRECISION: f64 = 1e-3;
 const ROUGHLY: f64 = 1.0;
 /// Below this share of σ_max no singular value is looked for.
@@ -66,8 +68,8 @@ impl Spectrum {
         }
     }
 
-    /// By counting, and the vectors of `side` below the cut: all of them, or, if there are many, none of the rows and random ones of the
-    /// columns. `rows` of the matrix `m`, last set, are not left at zero.
+    /// By counting, and the vectors of `side` below the cut: all of them, or, if there are many, none of the rows and
+    /// random ones of the columns. `rows` of the matrix `m`, last set, are not left at zero.
     fn counted(
         matrix: &mut StagedSpectrum,
         m: &Sparse,
@@ -139,8 +141,8 @@ impl Spectrum {
 pub struct Regularity {
     pub a: Spectrum,
     pub aj: Spectrum,
-    /// Orthonormal directions that change neither constraints nor residuals to first order (n each): all of them, or, in large problems with
-    /// many, random ones.
+    /// Orthonormal directions that change neither constraints nor residuals to first order (n each): all of them, or,
+    /// in large problems with many, random ones.
     pub null_directions: Vec<Vec<f64>>,
 }
 

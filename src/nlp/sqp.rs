@@ -68,8 +68,9 @@ pub fn solve(problem: &dyn Problem, start: impl Into<Start>, options: SqpOptions
 
 /// [`solve`] with the symbolic factorisation of this problem at hand.
 ///
-/// What has not converged when the iterations are over, or is stuck, is begun anew with another preset and as many iterations, unless the
-/// time is over; the better of the two answers counts: which of many flat ways the iteration goes down depends on it.
+/// What has not converged when the iterations are over, or is stuck, is begun anew with another preset and as many
+/// iterations, unless the time is over; the better of the two answers counts: which of many flat ways the iteration
+/// goes down depends on it.
 pub fn solve_with(kkt: &mut Kkt, problem: &dyn Problem, start: impl Into<Start>, options: SqpOptions) -> SqpOutcome {
     kkt.deadline = options.termination.deadline;
     let start = start.into();
@@ -214,7 +215,8 @@ impl<'p> Solver<'p> {
         self.portfolio.took(step.active);
     }
 
-    /// Restores feasibility. Where that does not get on the filter begins anew, and with nothing in that it ends as `Stalled`.
+    /// Restores feasibility. Where that does not get on the filter begins anew, and with nothing in that it ends as
+    /// `Stalled`.
     fn restore(&mut self, record: &mut Record) -> Result<(), SqpStatus> {
         let start = self.state.here.clone();
         let restored = restoration::restore(&mut self.state, &self.options, record);
@@ -237,10 +239,10 @@ impl<'p> Solver<'p> {
         } else {
             self.filter = Filter::new(self.options.filter, self.state.here.violation());
         }
-        let mut here = self.state.here.clone();
+        let here = &mut self.state.here;
         here.equality_multipliers.fill(0.0);
         here.inequality_multipliers.fill(0.0);
-        self.state.move_to(here);
+        self.state.error = here.kkt_error();
         self.portfolio.forget();
         self.damping.reset();
         Ok(())

@@ -2,7 +2,7 @@
 
 use super::curvature::{Model, Models};
 use super::iterate::{Iterate, KktError};
-use super::kkt::{Inertia, Kkt, KktValues, Rows};
+use super::kkt::{Inertia, Kkt, Rows};
 use super::options::ProgressOptions;
 use super::problem::Problem;
 
@@ -39,27 +39,15 @@ impl<'p> State<'p> {
 
     /// Factorises the exact Hessian with damping δ and the `active` rows as equations.
     pub fn factorise(&mut self, damping: f64, active: &[bool]) -> Option<Inertia> {
-        let (hessian, metric) = self.models.at(Model::Exact, &self.here);
-        self.kkt.factorise(&KktValues {
-            hessian,
-            metric,
-            damping,
-            equalities: &self.here.equality_jacobian,
-            inequalities: &self.here.inequality_jacobian,
-            rows: Rows::Active(active),
-        })
+        let model = self.models.at(Model::Exact, &self.here);
+        self.kkt.factorise(&self.here.system(model, damping, Rows::Active(active)))
     }
 
-    /// One step of `trial` onto the equalities and `active` inequalities with the factorisation at hand; that of an interior point
-    /// takes only part of the way to the inequalities.
+    /// One step of `trial` onto the equalities and `active` inequalities with the factorisation at hand; that of an
+    /// interior point takes only part of the way to the inequalities.
     pub fn reduce_violation(&mut self, trial: &mut Iterate, active: &[bool]) {
-        let (n, me) = (trial.x.len(), trial.equalities.len());
-        let mut right = vec![0.0; self.kkt.order()];
-        right[n..n + me].iter_mut().zip(&trial.equalities).for_each(|(r, c)| *r = -c);
-        let inequalities = right[n + me..].iter_mut().zip(&trial.inequalities).zip(active);
-        inequalities.for_each(|((r, d), active)| *r = if *active { -d } else { 0.0 });
         let mut solution = vec![0.0; self.kkt.order()];
-        self.kkt.solve_roughly(&right, &mut solution);
+        self.kkt.solve_roughly(&trial.onto_constraints(active), &mut solution);
         trial.x.iter_mut().zip(&solution).for_each(|(x, d)| *x += d);
         trial.evaluate(self.problem);
     }

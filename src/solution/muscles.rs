@@ -95,7 +95,7 @@ impl Solution<'_> {
                     ringing,
                     direction_changes,
                     peak_fibre_velocity_per_s: velocities.iter().fold(0.0, |a, v| a.max(v.abs())),
-                    excitation_swings: swings(&of(&complete, u)),
+                    excitation_swings: Some(swings(&of(&complete, u))),
                 }
             })
             .collect()
@@ -115,10 +115,10 @@ fn ringing(velocities: &[f64]) -> (f64, f64) {
 const STILL: f64 = 1e-3;
 
 /// Total variation over twice the range.
-fn swings(values: &[f64]) -> Option<f64> {
+fn swings(values: &[f64]) -> f64 {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
     let variation: f64 = values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
-    Some(if high - low > STILL { variation / (2.0 * (high - low)) } else { 0.0 })
+    if high - low > STILL { variation / (2.0 * (high - low)) } else { 0.0 }
 }
 
 /// Whether moving along `direction` changes the force of any muscle at any collocation point by more than `threshold`.

@@ -1,13 +1,14 @@
-//! The extension of steps kept short. Against negative curvature, or where the Lagrangian is flat, δ or the convex Hessian makes a step short,
-//! and it creeps: the extension goes on along it, doubling, for as long as the objective falls, with two steps back to the constraints each time.
+//! The extension of steps kept short. Against negative curvature, or where the Lagrangian is flat, δ or the convex
+//! Hessian makes a step short, and it creeps: the extension goes on along it, doubling, for as long as the objective
+//! falls, with two steps back to the constraints each time.
 
 use crate::nlp::iterate::Iterate;
 use crate::nlp::options::SqpOptions;
 use crate::nlp::state::State;
 use crate::nlp::subproblem::Step;
 
-/// Whether a full step from a point with the error `before` has left much of it, and was kept short. A small δ shortens no step: what creeps
-/// then runs off to infinity and is not helped on its way.
+/// Whether a full step from a point with the error `before` has left much of it, and was kept short. A small δ shortens
+/// no step: what creeps then runs off to infinity and is not helped on its way.
 pub fn is_worth(state: &State<'_>, step: &Step, before: f64, options: &SqpOptions) -> bool {
     let numbers = &options.extension;
     let creeps = state.error.largest() > numbers.creeping * before;

@@ -1,9 +1,10 @@
 //! The leap along directions that are almost flat.
 //!
-//! The force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its optimum at infinite fibre
-//! velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries up to 64 times the step, corrected by up to three more steps on
-//! the optimality conditions with the same factorisation, and is kept if it lowers the KKT error at no loss but what is left of the violation
-//! costs. A leap of length 1 is a plain step with those corrections: the iteration is then of higher than second order.
+//! The force–velocity curve is flat at high speed, so a muscle that is worth more when it alternates has its optimum at
+//! infinite fibre velocity, with f ~ k/v. Newton's step multiplies v by 1.5; the leap tries up to 64 times the step,
+//! corrected by up to three more steps on the optimality conditions with the same factorisation, and is kept if it
+//! lowers the KKT error at no loss but what is left of the violation costs. A leap of length 1 is a plain step with
+//! those corrections: the iteration is then of higher than second order.
 
 use crate::nlp::iterate::Iterate;
 use crate::nlp::options::{LeapOptions, SqpOptions};
@@ -22,8 +23,8 @@ pub fn is_worth(state: &State<'_>, step: &Step, fraction: f64, options: &SqpOpti
         && error > options.termination.target
 }
 
-/// Tries far more than a settled step. Leaves `trial`, the end of the step, with multipliers and derivatives, moved or not; gives back the
-/// length of the leap.
+/// Tries far more than a settled step. Leaves `trial`, the end of the step, with multipliers and derivatives, moved or
+/// not; gives back the length of the leap.
 pub fn leap(state: &mut State<'_>, step: &Step, trial: &mut Iterate, options: &SqpOptions) -> f64 {
     let LeapOptions { longest, longer, much, better, fast, .. } = options.leap;
     let target = options.termination.target;
@@ -65,11 +66,13 @@ pub fn leap(state: &mut State<'_>, step: &Step, trial: &mut Iterate, options: &S
 
 /// The point so `far` along the step, corrected; and its error.
 fn corrected(state: &mut State<'_>, step: &Step, trial: &Iterate, far: f64, options: &SqpOptions) -> (Iterate, f64) {
-    let mut there = trial.clone();
-    if far > 1.0 {
-        there = trial.moved(state.problem, &step.direction, far - 1.0);
+    let mut there = if far > 1.0 {
+        let mut there = trial.moved(state.problem, &step.direction, far - 1.0);
         there.differentiate(state.problem);
-    }
+        there
+    } else {
+        trial.clone()
+    };
     let mut slope = there.lagrangian_gradient();
     let mut error = there.kkt_error_with(&slope).largest();
     for _ in 0..options.leap.corrections {

@@ -1,5 +1,6 @@
-//! Second-order correction: more Newton steps on the constraints at their new values, the active ones kept, until the filter accepts or
-//! the violation no longer falls by its share. Without it the curvature of the constraints makes good steps look bad (the Maratos effect).
+//! Second-order correction: more Newton steps on the constraints at their new values, the active ones kept, until the
+//! filter accepts or the violation no longer falls by its share. Without it the curvature of the constraints makes good
+//! steps look bad (the Maratos effect).
 
 use super::filter::Verdict;
 use crate::nlp::iterate::Iterate;

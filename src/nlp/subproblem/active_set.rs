@@ -5,13 +5,13 @@
 //!
 //! The Hessian need only be positive definite where the active constraints vanish; if it is not, the damping δ grows.
 //!
-//! Far from a solution the linearisation is worth no more than some share of the KKT error: rows that are wrong by less are left as they are, and
-//! put right in the guess for the next sub-problem.
+//! Far from a solution the linearisation is worth no more than some share of the KKT error: rows that are wrong by less
+//! are left as they are, and put right in the guess for the next sub-problem.
 
 use super::{NoStep, Quality, Step, Way};
 use crate::nlp::curvature::Model;
 use crate::nlp::iterate::Iterate;
-use crate::nlp::kkt::{Kkt, KktValues, Rows};
+use crate::nlp::kkt::{Kkt, Rows};
 use crate::nlp::options::{ActiveSetOptions, DampingOptions, SqpOptions};
 use crate::nlp::state::State;
 use crate::numerics::sparse::Sparse;
@@ -24,7 +24,8 @@ pub struct Ceiling {
     pub is_in_doubt: bool,
 }
 
-/// Solves the sub-problem with the exact Hessian from the guess `active`. δ is raised from `delta` as far as the inertia asks for.
+/// Solves the sub-problem with the exact Hessian from the guess `active`. δ is raised from `delta` as far as the
+/// inertia asks for.
 pub fn solve(
     state: &mut State<'_>,
     options: &SqpOptions,
@@ -110,14 +111,7 @@ impl<'a> Guess<'a> {
     /// Factorises and solves; whether H + δ D is positive definite where the active constraints vanish.
     fn is_right(&mut self, delta: f64) -> bool {
         self.factorisations += 1;
-        let values = KktValues {
-            hessian: self.hessian,
-            metric: self.metric,
-            damping: delta,
-            equalities: &self.here.equality_jacobian,
-            inequalities: &self.here.inequality_jacobian,
-            rows: Rows::Active(&self.active),
-        };
+        let values = self.here.system((self.hessian, self.metric), delta, Rows::Active(&self.active));
         let residual = self.kkt.solve_convex(&values, &self.right, &mut self.solution);
         self.residual = residual.unwrap_or(self.residual);
         residual.is_some()
@@ -133,8 +127,8 @@ impl<'a> Guess<'a> {
         Ok(is_used)
     }
 
-    /// What has been lowered is raised again. Where the largest δ is not enough, or its step belongs to quite another active set,
-    /// none between is tried.
+    /// What has been lowered is raised again. Where the largest δ is not enough, or its step belongs to quite another
+    /// active set, none between is tried.
     fn raise(&mut self, Ceiling { most, is_in_doubt }: Ceiling, round: usize, allowed: usize) -> Result<(), NoStep> {
         let next = self.damping.raise * self.delta;
         if !is_in_doubt && round == 0 && next < most && self.is_right(next) {

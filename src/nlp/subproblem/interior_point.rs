@@ -12,18 +12,19 @@
 //! Q need not be positive definite, only where the equalities vanish and S/N weighs the rest: the inertia tells, and δ
 //! grows until it is. Degenerate active sets, on which guessing cycles, do it no harm.
 //!
-//! The first step only finds a start: taken in full, all slacks and all multipliers are then raised by what the lowest lacks, so that
-//! the residuals of the equalities are gone and no product s ν stands out. From the second sub-problem on it begins where the last one ended
-//! ([`Interior`]), drawn back from the bounds by as much as is left of the KKT error, takes a step or a few and leaves the rest to the next
-//! sub-problem: far from a solution a linearisation is not worth more. Each factorisation serves the predictor, the corrector
-//! and, while they make the step longer, a few more that bring the products s ν nearer to each other.
+//! The first step only finds a start: taken in full, all slacks and all multipliers are then raised by what the lowest
+//! lacks, so that the residuals of the equalities are gone and no product s ν stands out. From the second sub-problem
+//! on it begins where the last one ended ([`Interior`]), drawn back from the bounds by as much as is left of the KKT
+//! error, takes a step or a few and leaves the rest to the next sub-problem: far from a solution a linearisation is not
+//! worth more. Each factorisation serves the predictor, the corrector and, while they make the step longer, a few more
+//! that bring the products s ν nearer to each other.
 //!
 //! Sources: S. Mehrotra, *SIAM J. Optim.* 2, 1992; J. Gondzio, *Comput. Optim. Appl.* 6, 1996.
 
 use super::{NoStep, Quality, Step, Way};
 use crate::nlp::curvature::Model;
 use crate::nlp::iterate::Iterate;
-use crate::nlp::kkt::{Kkt, KktValues, Rows};
+use crate::nlp::kkt::{Kkt, Rows};
 use crate::nlp::options::{DampingOptions, InteriorPointOptions, SqpOptions};
 use crate::nlp::state::State;
 use crate::numerics::sparse::Sparse;
@@ -77,8 +78,8 @@ pub struct Manner {
     pub is_plain: bool,
 }
 
-/// Solves the sub-problem with the Hessian of `model`, or takes a few steps towards its solution; δ is raised from `delta` as far as the
-/// inertia asks for. `last`: where the last sub-problem ended, and then this one.
+/// Solves the sub-problem with the Hessian of `model`, or takes a few steps towards its solution; δ is raised from
+/// `delta` as far as the inertia asks for. `last`: where the last sub-problem ended, and then this one.
 pub fn solve(
     state: &mut State<'_>,
     options: &SqpOptions,
@@ -232,14 +233,7 @@ impl<'a> Search<'a> {
 
     fn is_right(&mut self, delta: f64) -> bool {
         let weights: Vec<f64> = self.inner.s.iter().zip(&self.inner.nu).map(|(s, nu)| s / nu).collect();
-        let values = KktValues {
-            hessian: self.hessian,
-            metric: self.metric,
-            damping: delta,
-            equalities: &self.here.equality_jacobian,
-            inequalities: &self.here.inequality_jacobian,
-            rows: Rows::Weighted(&weights),
-        };
+        let values = self.here.system((self.hessian, self.metric), delta, Rows::Weighted(&weights));
         self.kkt.solve_convex(&values, &self.right, &mut self.solution).is_some()
     }
 
@@ -277,7 +271,8 @@ impl<'a> Search<'a> {
         self.change(r)
     }
 
-    /// Finds the start: takes the predictor in full, then raises all slacks and all multipliers by what the lowest lacks.
+    /// Finds the start: takes the predictor in full, then raises all slacks and all multipliers by what the lowest
+    /// lacks.
     fn begin(&mut self) {
         let products: Vec<f64> = self.inner.products().collect();
         let change = self.change(&products);

@@ -9,8 +9,8 @@
 //!     4. at first and where all else fails: H = JᵀJ, likewise, or by Clarabel (qp)
 //! ```
 //!
-//! Far from a solution the convex Hessian is the better model: a δ that covers all negative curvature shortens every step, leaving it out
-//! only those along it.
+//! Far from a solution the convex Hessian is the better model: a δ that covers all negative curvature shortens every
+//! step, leaving it out only those along it.
 
 pub mod active_set;
 pub mod interior_point;
@@ -33,7 +33,8 @@ pub struct Step {
     pub quality: Quality,
     /// Whether the factorisation at hand is that of this step.
     pub has_factors: bool,
-    /// Whether that was the first one tried: nothing had to change. Never of an interior point, whose factorisation is of another system.
+    /// Whether that was the first one tried: nothing had to change. Never of an interior point, whose factorisation is
+    /// of another system.
     pub is_settled: bool,
     /// Iterations spent in Clarabel.
     pub qp_iterations: usize,

@@ -53,7 +53,8 @@ impl Portfolio {
         (self.active, self.interior) = (None, None);
     }
 
-    /// Step and multipliers of the sub-problem at `state` with at least this δ; `to_the_end`: where a rough step would not do.
+    /// Step and multipliers of the sub-problem at `state` with at least this δ; `to_the_end`: where a rough step would
+    /// not do.
     pub fn solve(
         &mut self,
         state: &mut State<'_>,
@@ -105,7 +106,8 @@ impl Portfolio {
         Some(step)
     }
 
-    /// With the exact Hessian if little δ makes it positive definite, or with the convex one, no finer than that model deserves.
+    /// With the exact Hessian if little δ makes it positive definite, or with the convex one, no finer than that model
+    /// deserves.
     fn by_interior_point(
         &mut self,
         state: &mut State<'_>,
@@ -159,7 +161,8 @@ fn manner(state: &State<'_>, options: &SqpOptions, most: f64, tolerance: f64, is
     Manner { most, tolerance, steps, is_plain }
 }
 
-/// Away from its end the interior point may need more δ than its solution does: that with its active set and as little δ as possible.
+/// Away from its end the interior point may need more δ than its solution does: that with its active set and as little
+/// δ as possible.
 fn less_damped(state: &mut State<'_>, options: &SqpOptions, least: f64, step: Step) -> Step {
     let most = least.max(step.damping / options.damping.retreat);
     let ceiling = Ceiling { most, is_in_doubt: false };

@@ -61,8 +61,8 @@ fn circle(sign: f64, x: &[textbook::N]) -> textbook::N {
     squares * 0.5 + mixed + (x[0] * 2.0 + x[1] - x[2] * 3.0) * sign
 }
 
-/// Turning all wrong rows goes in a circle here from all but two active sets (after an example of F. E. Curtis, Z. Han and D. P. Robinson,
-/// *Comput. Optim. Appl.* 60, 2015).
+/// Turning all wrong rows goes in a circle here from all but two active sets (after an example of F. E. Curtis, Z. Han
+/// and D. P. Robinson, *Comput. Optim. Appl.* 60, 2015).
 #[test]
 fn the_active_set_is_found_from_each_guess() {
     for problem in [bounded(|x| circle(1.0, x), &[0.0; 3]), bounded(|x| circle(-1.0, x), &[0.0; 3])] {

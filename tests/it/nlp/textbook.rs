@@ -1,8 +1,8 @@
-//! Small problems with known answers, most of them from W. Hock and K. Schittkowski, *Test Examples for Nonlinear Programming Codes*,
-//! Springer 1981 (HS and its number); derivatives by hyper-dual numbers.
+//! Small problems with known answers, most of them from W. Hock and K. Schittkowski, *Test Examples for Nonlinear
+//! Programming Codes*, Springer 1981 (HS and its number); derivatives by hyper-dual numbers.
 //!
-//! The solver's objective is a sum of squares of linear functions and a convex term. Other objectives become constraints: `f = Σ F_i(x)²`
-//! is `Σ r_i²` with `r_i = F_i(x)`, any other is t with `t = f(x)`.
+//! The solver's objective is a sum of squares of linear functions and a convex term. Other objectives become
+//! constraints: `f = Σ F_i(x)²` is `Σ r_i²` with `r_i = F_i(x)`, any other is t with `t = f(x)`.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 use num_dual::{DualNum, HyperDual64};
@@ -579,7 +579,8 @@ pub fn all() -> Vec<Textbook> {
             &[1.0, 5.0, 5.0, 1.0],
             &[17.0140173],
         ),
-        // On the circle a full step is refused by any merit function without a second-order correction (N. Maratos, PhD thesis, 1978).
+        // On the circle a full step is refused by any merit function without a second-order correction (N. Maratos, PhD
+        // thesis, 1978).
         Textbook::new(
             "Maratos",
             Value(|x| (x[0] * x[0] + x[1] * x[1] - 1.0) * 2.0 - x[0]),
@@ -588,8 +589,8 @@ pub fn all() -> Vec<Textbook> {
             &[0.6, 0.8],
             &[-1.0],
         ),
-        // Interior-point methods that keep linearised constraints converge to an infeasible point here (A. Wächter and L. T. Biegler,
-        // *Math. Program.* 88, 2000).
+        // Interior-point methods that keep linearised constraints converge to an infeasible point here (A. Wächter and
+        // L. T. Biegler, *Math. Program.* 88, 2000).
         Textbook::new(
             "Wächter–Biegler",
             Value(|x| x[0]),
