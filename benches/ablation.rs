@@ -1,12 +1,14 @@
 //! What each ingredient and number of the solver is worth: each is switched off, halved and doubled, on problems the
 //! numbers were chosen on and on others.
 //!
-//! `cargo bench --bench ablation -- [--every N] [option=value …] [part of an option's name …]` prints a CSV table; N:
-//! every Nth job of the large studies; `option=value` changes what is usual.
+//! `cargo bench --bench ablation -- [--switches] [--every N] [option=value …] [part of an option's name …]` prints a CSV
+//! table; `--switches`: ingredients are only switched off; N: every Nth job of the large studies; `option=value` changes
+//! what is usual.
 //!
 //! Failures, and the median and 90th percentile of factorisations over the problems, one that fails counting as the
 //! largest. CPU is that of all problems over that with the usual numbers; failures that take long make it large.
 
+mod case;
 #[allow(dead_code)]
 #[path = "../tests/it/nlp/textbook.rs"]
 mod textbook;
@@ -14,17 +16,14 @@ mod textbook;
 use std::path::Path;
 use std::time::Instant as Clock;
 
+use case::Case;
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::kkt::Kkt;
 use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::Problem;
 use sinew::internals::nlp::sqp::solve_with;
 use sinew::internals::nlp::termination::SqpStatus;
-use sinew::internals::prepare::{Prepared, Task};
-use sinew::internals::starts::disturb;
-use sinew::internals::study::{Job, Study};
 
 /// What does not converge in so many iterations is a failure here.
 const MAX_ITERATIONS: usize = 150;
@@ -51,10 +50,8 @@ const OFF: [(&str, f64); 9] = [
     ("line_search.at_hand", 0.0),
 ];
 
-struct Case {
-    problem: Box<dyn Problem>,
-    start: Vec<f64>,
-}
+/// A problem and its start.
+type Start = (Box<dyn Problem>, Vec<f64>);
 
 struct Score {
     failures: usize,
@@ -67,10 +64,12 @@ struct Score {
 
 fn main() {
     let mut arguments = std::env::args().skip(1).filter(|argument| argument != "--bench");
-    let (mut every, mut names, mut usual) = (1, Vec::new(), usual());
+    let (mut every, mut only_switches, mut names, mut usual) = (1, false, Vec::new(), usual());
     while let Some(argument) = arguments.next() {
         if argument == "--every" {
             every = arguments.next().and_then(|n| n.parse().ok()).expect("--every needs a number");
+        } else if argument == "--switches" {
+            only_switches = true;
         } else if let Some((name, value)) = argument.split_once('=') {
             usual = changed(&usual, name, &serde_json::from_str(value).expect("a number or a flag"));
         } else {
@@ -79,11 +78,7 @@ fn main() {
     }
     let halves = [cases(&TUNING, every, None), {
         let mut held_out = cases(&HELD_OUT, every, Some(OTHER_SEED));
-        held_out.extend(
-            textbook::all()
-                .into_iter()
-                .map(|problem| Case { start: problem.start.clone(), problem: Box::new(problem) }),
-        );
+        held_out.extend(textbook::all().into_iter().map(|p| (p.start.clone(), p)).map(|(start, p)| (boxed(p), start)));
         held_out
     }];
     println!(
@@ -91,7 +86,7 @@ fn main() {
     );
     let base = halves.each_ref().map(|half| score(half, &usual));
     print("usual", &format!("{} and {} problems", halves[0].len(), halves[1].len()), &base, &base);
-    for (name, value) in variants(&serde_json::to_value(usual).expect("options are plain")) {
+    for (name, value) in variants(&serde_json::to_value(usual).expect("options are plain"), only_switches) {
         if names.is_empty() || names.iter().any(|part| name.contains(part)) {
             let options = changed(&usual, &name, &value);
             print(&name, &value.to_string(), &halves.each_ref().map(|half| score(half, &options)), &base);
@@ -114,7 +109,7 @@ fn print(name: &str, value: &str, scores: &[Score; 2], base: &[Score; 2]) {
 }
 
 /// The problems of every Nth job of the studies; `seed`: of samples.
-fn cases(studies: &[(&str, usize)], every: usize, seed: Option<u64>) -> Vec<Case> {
+fn cases(studies: &[(&str, usize)], every: usize, seed: Option<u64>) -> Vec<Start> {
     let mut cases = Vec::new();
     for &(name, step) in studies {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("studies").join(name);
@@ -123,29 +118,23 @@ fn cases(studies: &[(&str, usize)], every: usize, seed: Option<u64>) -> Vec<Case
         let other = folder.path().join("study.toml");
         let text = seed.map_or(text.clone(), |seed| text.replace("seed = 2026", &format!("seed = {seed}")));
         std::fs::write(&other, text.replace("\"../", "\"../../")).expect("a file to write");
-        let study: &'static Study = Box::leak(Box::new(Study::load(&other).expect("a shipped study")));
+        let study = case::study(&other);
         let step = if study.jobs.len() > LARGE { step * every } else { step };
-        cases.extend(study.jobs.iter().step_by(step).filter_map(|job| case(study, job)));
+        let of_study = study.jobs.iter().step_by(step).filter_map(|job| case::case(study, job));
+        cases.extend(of_study.map(|Case { problem, start }| (boxed(problem), start)));
     }
     cases
 }
 
-fn case(study: &'static Study, job: &'static Job) -> Option<Case> {
-    let (settings, points) = (&job.settings, job.points);
-    let model = Box::leak(Box::new(study.model_of(job).ok()?));
-    let task = Task { model, motion: &study.motion, settings, points };
-    let prepared: &'static Prepared<'_> = Box::leak(Box::new(Prepared::new(task, Deadline::default()).ok()?));
-    let problem = prepared.transcribe();
-    let guess = prepared.guess(Deadline::default())?;
-    let start = disturb(&guess, problem.scheme, &prepared.inverse, settings.seed, settings.first_start);
-    Some(Case { problem: Box::new(problem), start })
+fn boxed(problem: impl Problem + 'static) -> Box<dyn Problem> {
+    Box::new(problem)
 }
 
 /// Solves all cases.
-fn score(cases: &[Case], options: &SqpOptions) -> Score {
-    let solve = |case: &Case| {
+fn score(cases: &[Start], options: &SqpOptions) -> Score {
+    let solve = |(problem, start): &Start| {
         let clock = Clock::now();
-        let outcome = solve_with(&mut Kkt::new(&*case.problem), &*case.problem, case.start.clone(), *options);
+        let outcome = solve_with(&mut Kkt::new(&**problem), &**problem, start.clone(), *options);
         let cost = (outcome.status == SqpStatus::Converged).then_some(outcome.factorisations);
         (cost, outcome.factorisations, clock.elapsed().as_secs_f64())
     };
@@ -162,7 +151,7 @@ fn score(cases: &[Case], options: &SqpOptions) -> Score {
 }
 
 /// Each option with the values that are tried in its place.
-fn variants(usual: &Value) -> Vec<(String, Value)> {
+fn variants(usual: &Value, only_switches: bool) -> Vec<(String, Value)> {
     let mut variants: Vec<(String, Value)> = OFF.map(|(name, value)| (name.to_owned(), json!(value))).to_vec();
     for (group, options) in usual.as_object().expect("groups") {
         if group == "termination" {
@@ -172,6 +161,7 @@ fn variants(usual: &Value) -> Vec<(String, Value)> {
             let name = format!("{group}.{option}");
             match value {
                 Value::Bool(is_on) => variants.insert(0, (name, json!(!is_on))),
+                _ if only_switches => {}
                 _ => variants.extend([0.5, 2.0].map(|factor| {
                     let changed = factor * value.as_f64().expect("a number");
                     (name.clone(), if value.is_u64() { json!(changed.ceil()) } else { json!(changed) })

@@ -4,20 +4,20 @@
 //! `cargo bench --bench cost -- STUDY [N]` solves every Nth job, for example `-- studies/table1.toml` or
 //! `-- studies/robustness.toml 4`. Uses one thread.
 
+mod case;
+
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant as Clock;
 
-use sinew::internals::deadline::Deadline;
+use case::Case;
 use sinew::internals::nlp::iterate::Iterate;
 use sinew::internals::nlp::kkt::{Kkt, Rows};
 use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::{Curvature, Problem};
 use sinew::internals::nlp::sqp;
 use sinew::internals::nlp::termination::SqpStatus;
-use sinew::internals::prepare::{Prepared, Task};
 use sinew::internals::settings::Scheme;
-use sinew::internals::starts::disturb;
 use sinew::internals::study::{Job, Study};
 
 /// Cost of one solve.
@@ -35,8 +35,8 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
     let path = arguments.first().map_or("studies/table1.toml", String::as_str);
     let every = arguments.get(1).and_then(|every| every.parse().ok()).unwrap_or(1);
-    let study = Study::load(Path::new(path)).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)));
-    let costs: Vec<Cost> = study.jobs.iter().step_by(every).filter_map(|job| cost(&study, job)).collect();
+    let study = case::study(Path::new(path));
+    let costs: Vec<Cost> = study.jobs.iter().step_by(every).filter_map(|job| cost(study, job)).collect();
     for (name, scheme) in [("midpoint", Some(Scheme::Midpoint)), ("radau", Some(Scheme::Radau)), ("all", None)] {
         let of = || costs.iter().filter(|cost| scheme.is_none_or(|scheme| scheme == cost.scheme));
         if of().next().is_none() {
@@ -58,15 +58,8 @@ fn main() {
 }
 
 /// The cost of a job's solve; `None` if the job has no measurement or start guess.
-fn cost(study: &Study, job: &Job) -> Option<Cost> {
-    let (settings, points) = (&job.settings, job.points);
-    let model = study.model_of(job).ok()?;
-    let task = Task { model: &model, motion: &study.motion, settings, points };
-    let prepared = Prepared::new(task, Deadline::default()).ok()?;
-    let problem = prepared.transcribe();
-    let guess = prepared.guess(Deadline::default())?;
-    let guess = disturb(&guess, problem.scheme, &prepared.inverse, settings.seed, settings.first_start);
-
+fn cost(study: &'static Study, job: &'static Job) -> Option<Cost> {
+    let Case { problem, start: guess } = case::case(study, job)?;
     let mut kkt = Kkt::new(&problem);
     let mut here = Iterate::new(&problem, guess.clone());
     let [mut hessian, mut metric] = [0, 1].map(|_| problem.patterns()[2].clone());
@@ -90,7 +83,7 @@ fn cost(study: &Study, job: &Job) -> Option<Cost> {
     });
     let outcome = outcome?;
     Some(Cost {
-        scheme: settings.scheme,
+        scheme: job.settings.scheme,
         converged: outcome.status == SqpStatus::Converged,
         iterations: outcome.iterations(),
         factorisations: outcome.factorisations,

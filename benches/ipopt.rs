@@ -4,20 +4,20 @@
 //! `IPOPT=path/to/libipopt.so cargo bench --bench ipopt -- STUDY N …` solves every Nth job of each study. The library
 //! comes, for example, with `pip install casadi`.
 
+mod case;
+
 use std::ffi::{CString, c_char, c_int, c_void};
 use std::path::Path;
 use std::time::Instant as Clock;
 
+use case::Case;
 use libloading::Library;
-use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::iterate::Iterate;
 use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::{Curvature, Multipliers, Problem};
 use sinew::internals::nlp::sqp;
 use sinew::internals::nlp::termination::SqpStatus;
 use sinew::internals::numerics::sparse::Sparse;
-use sinew::internals::prepare::{Prepared, Task};
-use sinew::internals::starts::disturb;
 use sinew::internals::study::{Job, Study};
 
 /// What IPOPT takes for no bound.
@@ -33,20 +33,14 @@ fn main() {
     let library = unsafe { Library::new(&path) }.unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     println!("study job p unknowns | Sinew: status iterations factorisations seconds objective | IPOPT: the same");
     for pair in arguments.chunks(2) {
-        let study = Study::load(Path::new(&pair[0])).unwrap_or_else(|e| panic!("{:?}", miette::Report::new(e)));
+        let study = case::study(Path::new(&pair[0]));
         let every = pair.get(1).map_or(1, |every| every.parse().expect("a number of jobs"));
-        study.jobs.iter().step_by(every).for_each(|job| compare(&library, &study, job));
+        study.jobs.iter().step_by(every).for_each(|job| compare(&library, study, job));
     }
 }
 
-fn compare(library: &Library, study: &Study, job: &Job) {
-    let (settings, points) = (&job.settings, job.points);
-    let Ok(model) = study.model_of(job) else { return };
-    let task = Task { model: &model, motion: &study.motion, settings, points };
-    let Ok(prepared) = Prepared::new(task, Deadline::default()) else { return };
-    let problem = prepared.transcribe();
-    let Some(guess) = prepared.guess(Deadline::default()) else { return };
-    let guess = disturb(&guess, problem.scheme, &prepared.inverse, settings.seed, settings.first_start);
+fn compare(library: &Library, study: &'static Study, job: &'static Job) {
+    let Some(Case { problem, start: guess }) = case::case(study, job) else { return };
     let clock = Clock::now();
     let own = sqp::solve(&problem, guess.clone(), SqpOptions::default());
     let own_s = clock.elapsed().as_secs_f64();
@@ -54,9 +48,10 @@ fn compare(library: &Library, study: &Study, job: &Job) {
     let other = by_ipopt(library, &problem, guess);
     let other_s = clock.elapsed().as_secs_f64();
     println!(
-        "{} {} {points} {} | {} {} {} {own_s:.3} {:.8e} | {} {} {other_s:.3} {:.8e}",
+        "{} {} {} {} | {} {} {} {own_s:.3} {:.8e} | {} {} {other_s:.3} {:.8e}",
         study.name,
         job.index,
+        job.points,
         problem.variables(),
         if own.status == SqpStatus::Converged { "converged" } else { "failed" },
         own.iterations(),

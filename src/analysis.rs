@@ -335,6 +335,7 @@ fn step_row(record: &Record) -> Option<StepRow> {
         damping: record.damping,
         fraction: record.fraction,
         refusals: record.refusals as i64,
+        leap: record.leap,
         extension: record.extension,
         factorisations: record.factorisations as i64,
     })

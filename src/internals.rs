@@ -28,6 +28,12 @@ pub mod model {
     pub mod path {
         pub use crate::model::path::Path;
     }
+    pub mod tree {
+        pub use crate::model::tree::Tree;
+        pub mod dynamics {
+            pub use crate::model::tree::dynamics::{Dynamics, Level, Load, Point, State};
+        }
+    }
     pub mod spatial {
         pub mod euler {
             pub use crate::model::spatial::euler::{rotate, slopes};
@@ -43,6 +49,9 @@ pub mod motion {
 pub mod nlp {
     pub mod curvature {
         pub use crate::nlp::curvature::Model;
+    }
+    pub mod damping {
+        pub use crate::nlp::damping::Damping;
     }
     pub mod globalisation {
         pub use crate::nlp::globalisation::filter::{Filter, Verdict};
@@ -61,6 +70,9 @@ pub mod nlp {
     }
     pub mod problem {
         pub use crate::nlp::problem::{ConvexTerm, Curvature, Multipliers, Problem};
+    }
+    pub mod recovery {
+        pub use crate::nlp::recovery::{Next, Recovery};
     }
     pub mod regularity {
         pub use crate::nlp::regularity::{RankCounter, analyse_dense, deficiencies_by_qr};
@@ -81,6 +93,9 @@ pub mod nlp {
         }
         pub mod interior_point {
             pub use crate::nlp::subproblem::interior_point::{Interior, Manner, solve};
+        }
+        pub mod qp {
+            pub use crate::nlp::subproblem::qp::QuadraticProgramme;
         }
     }
     pub mod termination {

@@ -310,6 +310,9 @@ pub struct StepRow {
     pub fraction: Option<f64>,
     /// Steps refused before.
     pub refusals: i64,
+    /// Length of the leap in steps.
+    #[serde(default)]
+    pub leap: f64,
     /// How many times as long the step was made afterwards.
     pub extension: f64,
     /// Of the KKT matrix.

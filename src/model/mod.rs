@@ -13,6 +13,7 @@ pub mod path;
 pub mod planar;
 pub mod spatial;
 pub mod straight;
+pub mod tree;
 
 pub use body::Place;
 pub use joint::{Joint, JointKind};

@@ -1,5 +1,6 @@
 //! Functions of one joint coordinate. They drive axes of joints, points of paths and dependent coordinates.
 
+use num_dual::Dual64;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Issue;
@@ -106,6 +107,33 @@ impl Function {
             }
         }
     }
+
+    /// Value and first four derivatives at `x`.
+    pub fn derivatives(&self, x: f64) -> [f64; 5] {
+        match self {
+            Self::Polynomial(coefficients) => {
+                let mut factors = coefficients.clone();
+                [0; 5].map(|_| {
+                    let value = horner(&factors, x);
+                    factors = factors.iter().enumerate().skip(1).map(|(power, c)| power as f64 * c).collect();
+                    value
+                })
+            }
+            Self::Lines(_) => {
+                let y = self.at(Dual64::new(x, 1.0));
+                [y.re, y.eps, 0.0, 0.0, 0.0]
+            }
+            Self::Spline(ends, spline) => {
+                let near = x.clamp(ends[0], ends[1]);
+                let [value, first, second] = spline.at(near);
+                if near == x {
+                    [value, first, second, spline.third(near), 0.0]
+                } else {
+                    [value + (x - near) * first, first, 0.0, 0.0, 0.0]
+                }
+            }
+        }
+    }
 }
 
 fn horner<T: Scalar>(coefficients: &[f64], x: T) -> T {
@@ -115,7 +143,6 @@ fn horner<T: Scalar>(coefficients: &[f64], x: T) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use num_dual::Dual64;
 
     #[test]
     fn splines_reproduce_cubics_and_extrapolate_linearly() {

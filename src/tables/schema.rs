@@ -380,6 +380,12 @@ fn iterations<'o>() -> Vec<Column<Line<'o, IterationRow>>> {
         C::number("damping", "1", "δ, the weight of the proximal term beside the Hessian", |l| step(l)?.damping),
         C::number("step_fraction", "1", "α, the share of the step that the line search took", |l| step(l)?.fraction),
         C::integer("refusals", "steps refused at this iterate", |l| Some(step(l)?.refusals)),
+        C::number(
+            "leap",
+            "1",
+            "length, in steps, of the leap along almost flat directions that took the step's place; 0 if none",
+            |l| Some(step(l)?.leap),
+        ),
         C::number("extension", "1", "how many times as long the step was made afterwards; 0 if not", |l| {
             Some(step(l)?.extension)
         }),

@@ -27,6 +27,7 @@ mod space;
 mod spatial;
 mod support;
 mod sweeps;
+mod tree;
 mod uniqueness;
 mod warm;
 mod wrapping;

@@ -1,11 +1,14 @@
 //! The ingredients of the solver one by one.
 
+use num_dual::DualNum;
 use sinew::internals::nlp::curvature::Model;
+use sinew::internals::nlp::damping::Damping;
 use sinew::internals::nlp::globalisation::{Filter, Verdict};
 use sinew::internals::nlp::iterate::Iterate;
 use sinew::internals::nlp::kkt::Kkt;
 use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::Problem;
+use sinew::internals::nlp::recovery::{Next, Recovery};
 use sinew::internals::nlp::restoration::restore;
 use sinew::internals::nlp::sqp::{SqpOutcome, solve};
 use sinew::internals::nlp::state::State;
@@ -214,5 +217,62 @@ fn patience_ends() {
         assert_eq!(termination.judge(state, 5), None);
         state.progress.idle = termination.patience;
         assert_eq!(termination.judge(state, 5), Some(SqpStatus::Converged));
+    });
+}
+
+/// f ~ 1/x has its minimum at infinity; Newton's step there is x/2, the leap takes many at once.
+#[test]
+fn the_leap_runs_ahead_where_newton_creeps() {
+    let problem = Textbook::new("1/x", Objective::Value(|x| x[0].powi(-1)), vec![], vec![], &[40.0], &[0.0]);
+    let with = solved_with(&problem, |_| {});
+    let without = solved_with(&problem, |options| options.leap.longest = 0.0);
+    assert!(with.trace.iter().any(|record| record.leap > 1.0));
+    assert_eq!(with.status, SqpStatus::Converged);
+    assert!(2 * with.iterations() < without.iterations(), "{} {}", with.iterations(), without.iterations());
+}
+
+#[test]
+fn damping_falls_after_whole_steps_and_rises_after_refusals() {
+    let options = SqpOptions::default().damping;
+    let progress = at_start(&named("HS6"), |state| state.progress);
+    let mut damping = Damping::new(options);
+    assert_eq!(damping.delta, options.first);
+    damping.after_step(1e-4, true, true, &progress);
+    assert_eq!(damping.delta, options.lower * 1e-4);
+    damping.after_step(1e-4, false, true, &progress);
+    assert_eq!(damping.delta, 1e-4, "raised against negative curvature, it stays there");
+    // Only without negative curvature it falls with the error.
+    damping.begin(1e-6, &progress);
+    assert_eq!(damping.delta, 1e-4);
+    damping.after_step(1e-4, false, true, &progress);
+    damping.begin(1e-6, &progress);
+    assert_eq!(damping.delta, options.per_error * 1e-6);
+    damping.after_refusal(1e-3);
+    assert_eq!(damping.delta, options.retreat * 1e-3);
+    damping.after_failure(0.0);
+    assert_eq!(damping.delta, options.retreat * options.least_failed);
+    damping.reset();
+    assert_eq!(damping.delta, options.first);
+    assert_eq!(options.raised(options.largest), None);
+}
+
+#[test]
+fn the_ladder_of_recovery_is_climbed_rung_by_rung() {
+    let options = SqpOptions::default();
+    let problem = named("HS6");
+    at_start(&problem, |state| {
+        let full = active_set::solve(state, &options, 1.0, Ceiling { most: 1e3, is_in_doubt: false }, &[]).unwrap();
+        let rough = Step { quality: Quality::Rough, ..full.clone() };
+        let mut filter = Filter::new(options.filter, 1.0);
+        let mut recovery = Recovery::default();
+        assert_eq!(recovery.next(state, &full, &filter, &options), Next::RaiseDamping);
+        assert_eq!(recovery.next(state, &rough, &filter, &options), Next::ToTheEnd);
+        assert_eq!(recovery.next(state, &full, &filter, &options), Next::Restore);
+        // With a solution at hand.
+        let small = 0.5 * options.line_search.at_hand;
+        (state.error.stationarity, state.error.feasibility, state.error.complementarity) = (small, small, small);
+        assert_eq!(recovery.next(state, &full, &filter, &options), Next::Restore, "an empty filter is in no way");
+        filter.add((1.0, 1.0));
+        assert_eq!(recovery.next(state, &full, &filter, &options), Next::NewFilter);
     });
 }
