@@ -19,14 +19,16 @@ use std::time::Instant as Clock;
 use case::Case;
 use rayon::prelude::*;
 use serde_json::{Value, json};
+use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::kkt::Kkt;
 use sinew::internals::nlp::options::SqpOptions;
 use sinew::internals::nlp::problem::Problem;
 use sinew::internals::nlp::sqp::solve_with;
 use sinew::internals::nlp::termination::SqpStatus;
 
-/// What does not converge in so many iterations is a failure here.
+/// What does not converge in so many iterations or seconds is a failure here.
 const MAX_ITERATIONS: usize = 150;
+const MAX_SECONDS: f64 = 30.0;
 /// (study, every Nth job of it) that the numbers were chosen on, and others; of large studies every `--every`th of
 /// these.
 const TUNING: [(&str, usize); 2] = [("table1.toml", 1), ("robustness.toml", 1)];
@@ -134,7 +136,9 @@ fn boxed(problem: impl Problem + 'static) -> Box<dyn Problem> {
 fn score(cases: &[Start], options: &SqpOptions) -> Score {
     let solve = |(problem, start): &Start| {
         let clock = Clock::now();
-        let outcome = solve_with(&mut Kkt::new(&**problem), &**problem, start.clone(), *options);
+        let mut options = *options;
+        options.termination.deadline = Deadline::after(clock, Some(MAX_SECONDS));
+        let outcome = solve_with(&mut Kkt::new(&**problem), &**problem, start.clone(), options);
         let cost = (outcome.status == SqpStatus::Converged).then_some(outcome.factorisations);
         (cost, outcome.factorisations, clock.elapsed().as_secs_f64())
     };

@@ -8,10 +8,6 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use divan::{Bencher, black_box};
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::linalg::cholesky::{SymmetricOrdering, factorize_symbolic_cholesky};
-use faer::sparse::{SparseColMat, Triplet};
-use faer::{Par, Side};
 use sinew::internals::deadline::Deadline;
 use sinew::internals::nlp::curvature::Model;
 use sinew::internals::nlp::iterate::Iterate;
@@ -163,53 +159,6 @@ fn convex_qp_by_clarabel(bencher: Bencher, points: usize) {
         };
         bencher.bench_local(|| programme.solve().is_ok());
     });
-}
-
-/// The matrix of [`factorisation`] by faer's supernodal LBLᵀ in its own elimination order.
-#[divan::bench(args = POINTS)]
-fn factorisation_by_faer(bencher: Bencher, points: usize) {
-    with_problem(points, |problem, guess| {
-        let here = Iterate::new(problem, guess);
-        let matrix = faer_matrix(&here, &curvatures(problem, &here));
-        let symbolic =
-            factorize_symbolic_cholesky(matrix.symbolic(), Side::Upper, SymmetricOrdering::Amd, Default::default())
-                .unwrap();
-        let n = matrix.nrows();
-        let (mut values, mut below) = (vec![0.0; symbolic.len_val()], vec![0.0; n]);
-        let [mut forward, mut backward] = [vec![0; n], vec![0; n]];
-        let scratch = symbolic.factorize_numeric_intranode_lblt_scratch::<f64>(Par::Seq, Default::default());
-        let mut memory = MemBuffer::new(scratch);
-        bencher.bench_local(|| {
-            let stack = MemStack::new(&mut memory);
-            let (forward, backward) = (&mut forward[..], &mut backward[..]);
-            let (values, matrix) = (&mut values[..], matrix.as_ref());
-            symbolic.factorize_numeric_intranode_lblt(
-                values,
-                &mut below,
-                forward,
-                backward,
-                matrix,
-                Side::Upper,
-                Par::Seq,
-                stack,
-                Default::default(),
-            );
-        });
-    });
-}
-
-/// The KKT matrix at a point without active inequalities, upper triangle.
-fn faer_matrix(here: &Iterate, [hessian, metric]: &[Sparse; 2]) -> SparseColMat<usize, f64> {
-    let n = here.x.len();
-    let order = n + here.equalities.len();
-    let mut entries: Vec<Triplet<usize, usize, f64>> = Vec::new();
-    let of_hessian =
-        hessian.entries().map(|(i, j, slot)| (i, j, hessian.values[slot] + IN_TURN[0] * metric.values[slot]));
-    entries.extend(of_hessian.map(|(i, j, value)| Triplet::new(i, j, value)));
-    let jacobian = &here.equality_jacobian;
-    entries.extend(jacobian.entries().map(|(i, j, slot)| Triplet::new(j, n + i, jacobian.values[slot])));
-    entries.extend((n..order).map(|i| Triplet::new(i, i, -1e-11)));
-    SparseColMat::try_new_from_triplets(order, order, &entries).unwrap()
 }
 
 #[divan::bench(args = POINTS, sample_count = 3)]

@@ -44,6 +44,30 @@ pub struct Terminal {
     pub verbose: bool,
 }
 
+/// Arguments of `sinew inverse-dynamics`.
+#[derive(Args)]
+pub struct InverseDynamics {
+    /// Spatial model (.toml, .osim)
+    pub model: PathBuf,
+    /// Joint coordinates over time (.csv, .mot, .sto)
+    pub motion: PathBuf,
+    /// External loads, such as ground reactions (.xml, .toml)
+    #[arg(long, value_name = "FILE")]
+    pub loads: Option<PathBuf>,
+    /// Only these instants, s [default: the whole motion]
+    #[arg(long, num_args = 2, value_names = ["FROM", "TO"])]
+    pub window: Option<Vec<f64>>,
+    /// Cut-off frequency of the low-pass on the coordinates, Hz; 0 for none
+    #[arg(long, value_name = "HZ", default_value_t = 0.0, value_parser = frequency)]
+    pub smoothing: f64,
+    /// Cut-off frequency of the low-pass on the loads, Hz; 0 for none
+    #[arg(long, value_name = "HZ", default_value_t = 0.0, value_parser = frequency)]
+    pub force_smoothing: f64,
+    /// File to write, .csv or .parquet [default: CSV to the terminal]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
 /// Kinds of files with a schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SchemaKind {
@@ -292,6 +316,16 @@ A study can also use an .osim file directly as its model; `sinew check` lists wh
         #[arg(long)]
         strict: bool,
     },
+    /// Compute the net moment or force of each joint coordinate of a spatial model over a motion
+    #[command(after_help = "Examples:
+  sinew inverse-dynamics gait.osim walk_ik.mot --loads grf_walk.xml --smoothing 6 --out moments.csv
+  sinew inverse-dynamics gait.osim walk_ik.mot --loads grf_walk.xml --window 0.48 1.61 --out moments.parquet
+
+Inertial forces less gravity and loads, as OpenSim's InverseDynamicsTool has them: what muscles, or whatever
+else drives the coordinate, must make. Columns are <coordinate>_moment_n_m or <coordinate>_force_n; rows are the
+instants of the motion. LOADS is OpenSim's ExternalLoads (.xml), or a .toml with `table = \"forces.mot\"` and
+[[external_load]] entries with name, body, force, point, moment (prefixes of columns), force_in and point_in.")]
+    InverseDynamics(InverseDynamics),
     /// Compute lengths and moment arms of all muscles of a spatial model in given poses
     #[command(after_help = "Examples:
   sinew moment-arms data/models/upper_limb.toml poses.csv
@@ -389,4 +423,9 @@ can read them. Units are SI and radians; times are those of the motion file.")]
         #[arg(long, value_name = "FILE")]
         model: Option<PathBuf>,
     },
+}
+
+fn frequency(text: &str) -> Result<f64, String> {
+    let hz = text.parse::<f64>().ok().filter(|hz| hz.is_finite() && *hz >= 0.0);
+    hz.ok_or_else(|| "a frequency in Hz, at least 0".to_owned())
 }

@@ -6,6 +6,7 @@ mod compare;
 mod describe;
 mod export;
 mod import;
+mod inverse_dynamics;
 mod keys;
 mod layout;
 mod moment_arms;
@@ -69,6 +70,7 @@ fn run_command(command: Command) -> Result<u8> {
         }
         Command::Slurm(arguments) => slurm::slurm(&arguments),
         Command::Import { model, out, strict } => import::import(&model, out, strict),
+        Command::InverseDynamics(arguments) => inverse_dynamics::run(&arguments),
         Command::MomentArms { model, poses, out } => moment_arms::moment_arms(&model, &poses, out.as_deref()),
         Command::Rank { dir, axis, reference, measure, out, look } => rank::rank(
             &dir,

@@ -1,6 +1,7 @@
 //! Inverse methods: which quantities, blocks, limits and goals make up the problem of a study.
 
 pub mod dynamic;
+pub mod inverse_dynamics;
 pub mod prediction;
 
 use crate::model::{Joint, Model};

@@ -11,6 +11,7 @@ use super::text::{Row, TextTable, at_line};
 use crate::error::{Result, SourceFile, nearest};
 use crate::model::Model;
 use crate::names::counted;
+use crate::skeleton::Skeleton;
 
 /// Joint coordinates over time, in SI units (rad, m).
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +24,34 @@ pub struct MotionTable {
     pub forces: Vec<(String, [Vec<f64>; 3])>,
     /// Remarks on data that are ignored, missing or contradict the model.
     pub notes: Vec<String>,
+}
+
+/// What a motion can hold of a model.
+pub struct Wanted<'m> {
+    name: &'m str,
+    /// Joint coordinates, and whether each is an angle.
+    coordinates: Vec<(&'m str, bool)>,
+    /// External forces that the motion file must have.
+    forces: Vec<&'m str>,
+    /// Of a spatial model.
+    skeleton: Option<&'m Skeleton>,
+}
+
+impl<'m> From<&'m Model> for Wanted<'m> {
+    fn from(model: &'m Model) -> Self {
+        let (mechanics, skeleton) = (&model.mechanics, model.spatial().map(|spatial| &*spatial.skeleton));
+        let (coordinates, forces) = (mechanics.joint_coordinates(), mechanics.measured_forces());
+        Self { name: &model.name, coordinates, forces, skeleton }
+    }
+}
+
+impl<'m> From<&'m Skeleton> for Wanted<'m> {
+    fn from(skeleton: &'m Skeleton) -> Self {
+        let coordinates = skeleton.coordinates.iter().map(|c| (c.name.as_str(), c.is_angle)).collect();
+        let forces = skeleton.forces.iter().filter(|force| force.force.is_none());
+        let forces = forces.map(|force| force.name.as_str()).collect();
+        Self { name: &skeleton.name, coordinates, forces, skeleton: Some(skeleton) }
+    }
 }
 
 /// The meaning of a column.
@@ -41,12 +70,12 @@ impl MotionTable {
     /// # Errors
     /// If there is no column `time`, a column is not a joint coordinate of the model or has no unit, a field is
     /// missing or not a finite number, or time does not increase. The error names file and line.
-    pub fn load(path: &Path, model: &Model) -> Result<Self> {
+    pub fn load<'m>(path: &Path, model: impl Into<Wanted<'m>>) -> Result<Self> {
         Self::from_file(&SourceFile::read(path)?, model)
     }
 
     /// As [`MotionTable::load`], for a file already read.
-    pub fn from_file(file: &SourceFile, model: &Model) -> Result<Self> {
+    pub fn from_file<'m>(file: &SourceFile, model: impl Into<Wanted<'m>>) -> Result<Self> {
         let ending = file.path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
         let refused = |message: String, help: &str| Err(file.error(None, message, "", Some(help.to_owned())));
         let name = file.path.display();
@@ -72,14 +101,14 @@ impl MotionTable {
                 );
             }
         };
-        Self::assemble(file, model, &text)
+        Self::assemble(file, &model.into(), &text)
     }
 
-    fn assemble(file: &SourceFile, model: &Model, text: &TextTable) -> Result<Self> {
+    fn assemble(file: &SourceFile, model: &Wanted<'_>, text: &TextTable) -> Result<Self> {
         let columns: Vec<MotionColumn> =
             (text.names.iter()).map(|name| column_of(file, model, text, name)).collect::<Result<_>>()?;
         check_columns(file, model, text, &columns)?;
-        let forces = model.mechanics.measured_forces();
+        let forces = &model.forces;
         let coordinates = columns.iter().filter_map(|column| match column {
             MotionColumn::Coordinate(name, _) => Some((name.clone(), Vec::with_capacity(text.rows.len()))),
             _ => None,
@@ -169,12 +198,12 @@ impl MotionTable {
 }
 
 /// The meaning of the column named `field`.
-fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) -> Result<MotionColumn> {
+fn column_of(file: &SourceFile, model: &Wanted<'_>, text: &TextTable, field: &str) -> Result<MotionColumn> {
     let is_storage = text.in_degrees.is_some();
     if field == "time" || (!is_storage && field == "time_s") {
         return Ok(MotionColumn::Time);
     }
-    let forces = model.mechanics.measured_forces();
+    let forces = &model.forces;
     let of_force = |(k, force): (usize, &&str)| {
         let axis = field.strip_prefix(*force)?;
         Some((k, ["_x_n", "_y_n", "_z_n"].iter().position(|ending| *ending == axis)?))
@@ -188,7 +217,7 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
     };
     // OpenSim 4 writes /jointset/elbow/elbow_flexion/value.
     let short = name.trim_end_matches("/value").rsplit('/').next().unwrap_or(name);
-    let coordinates = model.mechanics.joint_coordinates();
+    let coordinates = &model.coordinates;
     let Some(&(coordinate, angular)) = coordinates.iter().find(|(known, _)| *known == short) else {
         if is_storage {
             return Ok(MotionColumn::Ignored); // storage files contain all coordinates of the subject
@@ -214,7 +243,7 @@ fn column_of(file: &SourceFile, model: &Model, text: &TextTable, field: &str) ->
 
 /// Checks that there is one time column, at least one coordinate, no coordinate twice, and all three columns of each
 /// force.
-fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[MotionColumn]) -> Result<()> {
+fn check_columns(file: &SourceFile, model: &Wanted<'_>, text: &TextTable, columns: &[MotionColumn]) -> Result<()> {
     let named = |wanted: &dyn Fn(&MotionColumn) -> bool| {
         let found = columns.iter().zip(&text.names).enumerate().filter(|(_, (column, _))| wanted(column));
         found.map(|(k, (_, name))| format!("{} (`{name}`)", k + 1)).collect::<Vec<String>>()
@@ -227,9 +256,9 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
         let message = format!("several columns hold the time: {}", times.join(" and "));
         return Err(text.error(file, message, "keep the one in seconds"));
     }
-    let coordinates = model.mechanics.joint_coordinates();
+    let coordinates = &model.coordinates;
     let mut has_coordinate = false;
-    for (coordinate, _) in &coordinates {
+    for (coordinate, _) in coordinates {
         let own = named(&|column| matches!(column, MotionColumn::Coordinate(name, _) if name == coordinate));
         has_coordinate |= !own.is_empty();
         if own.len() > 1 {
@@ -242,7 +271,7 @@ fn check_columns(file: &SourceFile, model: &Model, text: &TextTable, columns: &[
         let message = format!("no column is a joint coordinate of the model `{}`", model.name);
         return Err(text.error(file, message, &format!("the model has: {}", known.join(", "))));
     }
-    for (k, force) in model.mechanics.measured_forces().iter().enumerate() {
+    for (k, force) in model.forces.iter().enumerate() {
         let present = named(&|column| matches!(column, MotionColumn::Force(own, _) if *own == k)).len();
         if present != 3 {
             let message = format!("the external force `{force}` has {present} of its three columns");
@@ -278,9 +307,8 @@ fn gap(time: &[f64]) -> Option<String> {
 const MAX_DEVIATION: f64 = 1e-3;
 
 /// Remarks on columns that contradict the model: those of locked or dependent coordinates with other values.
-fn contradictions(table: &MotionTable, model: &Model) -> Vec<String> {
-    let Some(spatial) = model.spatial() else { return Vec::new() };
-    let skeleton = &spatial.skeleton;
+fn contradictions(table: &MotionTable, model: &Wanted<'_>) -> Vec<String> {
+    let Some(skeleton) = model.skeleton else { return Vec::new() };
     let mut notes = Vec::new();
     for coordinate in &skeleton.coordinates {
         let Some(values) = table.column(&coordinate.name) else { continue };

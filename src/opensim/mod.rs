@@ -21,6 +21,7 @@
 //! | PathWrap, its range | `surfaces` |
 
 mod document;
+pub mod external_loads;
 mod frames;
 mod function;
 mod joints;

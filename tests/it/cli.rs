@@ -81,7 +81,19 @@ fn shipped_files_check_clean() {
 
 #[test]
 fn help_has_examples() {
-    for command in ["plan", "run", "merge", "status", "show", "moment-arms", "compare", "slurm", "schema", "check"] {
+    for command in [
+        "plan",
+        "run",
+        "merge",
+        "status",
+        "show",
+        "moment-arms",
+        "inverse-dynamics",
+        "compare",
+        "slurm",
+        "schema",
+        "check",
+    ] {
         let help = sinew(&[command, "--help"], root());
         assert_eq!(help.status.code(), Some(0));
         assert!(text(&help.stdout).contains("Example"), "{command}");

@@ -12,6 +12,7 @@ mod derivatives;
 mod engine;
 mod folders;
 mod honest;
+mod inverse_dynamics;
 mod nlp;
 mod opensim;
 mod other_readers;

@@ -224,8 +224,11 @@ fn patience_ends() {
 #[test]
 fn the_leap_runs_ahead_where_newton_creeps() {
     let problem = Textbook::new("1/x", Objective::Value(|x| x[0].powi(-1)), vec![], vec![], &[40.0], &[0.0]);
-    let with = solved_with(&problem, |_| {});
-    let without = solved_with(&problem, |options| options.leap.longest = 0.0);
+    let with = solved_with(&problem, |options| options.extension.doublings = 0);
+    let without = solved_with(&problem, |options| {
+        options.extension.doublings = 0;
+        options.leap.longest = 0.0;
+    });
     assert!(with.trace.iter().any(|record| record.leap > 1.0));
     assert_eq!(with.status, SqpStatus::Converged);
     assert!(2 * with.iterations() < without.iterations(), "{} {}", with.iterations(), without.iterations());

@@ -1,0 +1,201 @@
+//! `sinew inverse-dynamics`: against closed forms, against OpenSim, and with mistakes.
+
+use std::f64::consts::PI;
+
+use super::cli::{one_line, sinew, text};
+use super::support::{folder, shared};
+
+const PENDULUM: &str = r#"
+name = "pendulum"
+dimensions = 3
+
+[[body]]
+name = "rod"
+mass = 2.0
+centre_of_mass = [0.0, -0.4, 0.0]
+inertia = [0.03, 0.01, 0.03, 0.0, 0.0, 0.0]
+
+[[joint]]
+name = "hinge"
+kind = "axes"
+parent = "ground"
+child = "rod"
+rotations = [{ coordinate = "angle", axis = [0.0, 0.0, 1.0] }]
+
+[[coordinate]]
+name = "angle"
+"#;
+
+/// A horizontal force at the rod's end, whose point is written once in the ground's frame and once in the rod's.
+const LOADS: &str = r#"
+table = "forces.csv"
+
+[[external_load]]
+name = "push"
+body = "rod"
+force = "push_"
+point = "centre_"
+
+[[external_load]]
+name = "pull"
+body = "rod"
+point_in = "rod"
+force = "push_"
+point = "end_"
+moment = "turn_"
+"#;
+
+fn angle(t: f64) -> [f64; 3] {
+    let (size, rate) = (0.5, 2.0 * PI);
+    [size * (rate * t).sin(), size * rate * (rate * t).cos(), -size * rate * rate * (rate * t).sin()]
+}
+
+/// The files of a pendulum that swings for a second, with forces over the first `until` seconds.
+fn files(until: f64) -> [(&'static str, String); 4] {
+    let time = |last: f64| (0..=(200.0 * last).round() as usize).map(|k| k as f64 / 200.0);
+    let motion: String = time(1.0).map(|t| format!("{t},{}\n", angle(t)[0])).collect();
+    let row = |t: f64| {
+        // The force ends at 0.5 s, and its centre of pressure runs away.
+        let force = if t < 0.5 { 10.0 * (2.0 * PI * t).sin().powi(2) } else { 0.0 };
+        let [x, y] = if t < 0.5 { [0.8 * angle(t)[0].sin(), -0.8 * angle(t)[0].cos()] } else { [400.0 * t, 70.0] };
+        format!("{t},{force},0,0,{x},{y},0,0,-0.8,0,0,0,1.5\n")
+    };
+    let forces: String = time(until).map(row).collect();
+    let head = "time,push_x,push_y,push_z,centre_x,centre_y,centre_z,end_x,end_y,end_z,turn_x,turn_y,turn_z\n";
+    [
+        ("model.toml", PENDULUM.to_owned()),
+        ("motion.csv", format!("time,angle_rad\n{motion}")),
+        ("loads.toml", LOADS.to_owned()),
+        ("forces.csv", format!("{head}{forces}")),
+    ]
+}
+
+fn in_folder(files: &[(&str, String)]) -> tempfile::TempDir {
+    folder(&files.iter().map(|(name, text)| (*name, text.as_str())).collect::<Vec<_>>())
+}
+
+#[test]
+fn a_pendulum_needs_the_moment_of_the_closed_form() {
+    let folder = in_folder(&files(1.0));
+    let run = |more: &[&str]| {
+        let run = sinew(&[&["inverse-dynamics", "model.toml", "motion.csv"], more].concat(), folder.path());
+        assert_eq!(run.status.code(), Some(0), "{}", text(&run.stderr));
+        text(&run.stdout)
+    };
+    let compare = |out: &str, with_loads: bool| {
+        assert!(out.starts_with("time_s,angle_moment_n_m\n"), "{out}");
+        for line in out.lines().skip(1) {
+            let (t, moment) = line.split_once(',').unwrap();
+            let (t, moment): (f64, f64) = (t.parse().unwrap(), moment.parse().unwrap());
+            let [q, _, second] = angle(t);
+            let swing = (0.03 + 2.0 * 0.16) * second + 2.0 * 9.81 * 0.4 * q.sin();
+            let push = if t < 0.5 { 10.0 * (2.0 * PI * t).sin().powi(2) } else { 0.0 };
+            // Both loads push at the end, and one turns.
+            let expected = if with_loads { swing - 2.0 * push * 0.8 * q.cos() - 1.5 } else { swing };
+            // A natural spline is wrong at its ends.
+            if t > 0.05 && t < 0.95 {
+                assert!((moment - expected).abs() < 5e-3, "{t}: {moment} {expected}");
+            }
+        }
+    };
+    compare(&run(&[]), false);
+    compare(&run(&["--loads", "loads.toml"]), true);
+    let window = run(&["--loads", "loads.toml", "--window", "0.2", "0.4"]);
+    assert_eq!(window.lines().count(), 1 + 41);
+    let said = one_line(&run(&["--loads", "loads.toml", "--out", "moments.parquet"]));
+    assert!(said.contains("201 instants: moments.parquet") && said.contains("angle"), "{said}");
+    let table = sinew::internals::tables::read("inverse_dynamics", &folder.path().join("moments.parquet")).unwrap();
+    assert_eq!(table.rows(), 201);
+}
+
+/// OpenSim's own file of the same loads gives the same.
+#[test]
+fn external_loads_are_read_from_opensims_files() {
+    let force = |name: &str, frame: &str, point: &str, more: &str| {
+        format!(
+            "<ExternalForce name=\"{name}\"><applied_to_body>/bodyset/rod</applied_to_body>\
+             <force_expressed_in_body>ground</force_expressed_in_body>\
+             <point_expressed_in_body>{frame}</point_expressed_in_body>\
+             <force_identifier>push_</force_identifier><point_identifier>{point}</point_identifier>{more}</ExternalForce>"
+        )
+    };
+    let turn = "<torque_identifier>turn_</torque_identifier>";
+    let xml = format!(
+        "<OpenSimDocument Version=\"40500\"><ExternalLoads name=\"loads\"><objects>{}{}</objects>\
+         <datafile>forces.csv</datafile></ExternalLoads></OpenSimDocument>",
+        force("push", "ground", "centre_", ""),
+        force("pull", "/bodyset/rod", "end_", turn)
+    );
+    let folder = in_folder(&[&files(1.0)[..], &[("loads.xml", xml)]].concat());
+    let with = |loads: &str| {
+        let run = sinew(&["inverse-dynamics", "model.toml", "motion.csv", "--loads", loads], folder.path());
+        assert_eq!(run.status.code(), Some(0), "{}", text(&run.stderr));
+        text(&run.stdout)
+    };
+    assert_eq!(with("loads.xml"), with("loads.toml"));
+}
+
+#[test]
+fn mistakes_in_loads_are_named() {
+    let check = |files: &[(&str, String)], more: &[&str], says: &[&str]| {
+        let folder = in_folder(files);
+        let arguments = [&["inverse-dynamics", "model.toml", "motion.csv", "--loads", "loads.toml"], more].concat();
+        let run = sinew(&arguments, folder.path());
+        let error = one_line(&text(&run.stderr));
+        assert_eq!(run.status.code(), Some(2), "{error}");
+        says.iter().for_each(|says| assert!(error.contains(says), "{says}: {error}"));
+    };
+    let changed = |file: usize, from: &str, to: &str| {
+        let mut files = files(1.0);
+        assert!(files[file].1.contains(from));
+        files[file].1 = files[file].1.replacen(from, to, 1);
+        files
+    };
+    check(&changed(2, "body = \"rod\"", "body = \"rode\""), &[], &["no body of the model", "did you mean `rod`"]);
+    check(&changed(2, "body = \"rod\"", "body = \"ground\""), &[], &["acts on the ground"]);
+    check(&changed(2, "force = \"push_\"", "force = \"psh_\""), &[], &["no column `psh_x`", "did you mean `push_x`"]);
+    check(&changed(2, "force = ", "forc = "), &[], &["unknown field `forc`", "did you mean `force`"]);
+    check(&changed(3, "\n0.005,", "\nfive,"), &[], &["line 3", "not a finite number"]);
+    check(&changed(3, "\n0.005,", "\n0.0,"), &[], &["line 3", "not later"]);
+    check(&files(0.6), &[], &["known from 0 to 0.6 s", "the motion goes from", "--window 0 0.6"]);
+    check(&files(1.0), &["--window", "0.5", "1.5"], &["not within", "from 0 to 1 s"]);
+    let planar = std::fs::read_to_string(super::support::root().join("data/models/arm.toml")).unwrap();
+    check(&changed(0, PENDULUM, &planar), &[], &["planar", "spatial model"]);
+}
+
+/// The walking trial of OpenSim's Moco examples.
+#[test]
+fn the_moments_of_walking_are_opensims() {
+    let (Some(model), Some(reference)) = (shared("walking/subject_walk_scaled.osim"), shared("walking/id_opensim.csv"))
+    else {
+        return;
+    };
+    let walking = model.parent().unwrap().to_owned();
+    let arguments = ["inverse-dynamics", "subject_walk_scaled.osim", "coordinates.sto", "--loads", "grf_walk.xml"];
+    let run = sinew(&[&arguments[..], &["--window", "0.48", "1.61"]].concat(), &walking);
+    assert_eq!(run.status.code(), Some(0), "{}", text(&run.stderr));
+    let read = |text: &str| {
+        let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+        let names = lines.next().unwrap();
+        let rows: Vec<Vec<f64>> = lines.map(|row| row.iter().map(|x| x.parse().unwrap()).collect()).collect();
+        (names, rows)
+    };
+    let (names, found) = read(&text(&run.stdout));
+    let (wanted, reference) = read(&std::fs::read_to_string(reference).unwrap());
+    for (column, name) in wanted.iter().enumerate().skip(1) {
+        let own = names.iter().position(|own| own.trim_end_matches("_n_m").trim_end_matches("_n") == name).unwrap();
+        let (mut sum, mut low, mut high) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
+        for row in &reference {
+            let here = found.iter().min_by(|a, b| (a[0] - row[0]).abs().total_cmp(&(b[0] - row[0]).abs())).unwrap();
+            sum += (here[own] - row[column]).powi(2);
+            (low, high) = (f64::min(low, row[column]), f64::max(high, row[column]));
+        }
+        let rms = (sum / reference.len() as f64).sqrt();
+        let limit = match name.starts_with("pelvis") {
+            false => 0.01 * (high - low),
+            true if name.ends_with("force") => 5.0,
+            true => 3.0,
+        };
+        assert!(rms <= limit, "{name}: {rms} of {limit}");
+    }
+}
