@@ -44,9 +44,9 @@ pub struct Terminal {
     pub verbose: bool,
 }
 
-/// Arguments of `sinew inverse-dynamics`.
+/// A motion of a spatial model, and where its table goes.
 #[derive(Args)]
-pub struct InverseDynamics {
+pub struct MovementArguments {
     /// Spatial model (.toml, .osim)
     pub model: PathBuf,
     /// Joint coordinates over time (.csv, .mot, .sto)
@@ -325,7 +325,20 @@ Inertial forces less gravity and loads, as OpenSim's InverseDynamicsTool has the
 else drives the coordinate, must make. Columns are <coordinate>_moment_n_m or <coordinate>_force_n; rows are the
 instants of the motion. LOADS is OpenSim's ExternalLoads (.xml), or a .toml with `table = \"forces.mot\"` and
 [[external_load]] entries with name, body, force, point, moment (prefixes of columns), force_in and point_in.")]
-    InverseDynamics(InverseDynamics),
+    InverseDynamics(MovementArguments),
+    /// Compute the loads that joints carry in a motion with known muscle forces (joint contact loads)
+    #[command(after_help = "Examples:
+  sinew joint-loads gait.osim walk_ik.mot --loads grf_walk.xml --muscle-forces forces.sto --out joints.parquet
+
+As OpenSim's JointReaction has them: force and moment on the child, at the origin of the joint's frame in the child,
+in the axes of the ground, the parent and the child (column `frame`). FORCES has a column for each muscle, in N.")]
+    JointLoads {
+        #[command(flatten)]
+        movement: MovementArguments,
+        /// Muscle forces over time (.sto, .mot, .csv), such as OpenSim's StaticOptimization_force.sto
+        #[arg(long, value_name = "FORCES")]
+        muscle_forces: PathBuf,
+    },
     /// Compute lengths and moment arms of all muscles of a spatial model in given poses
     #[command(after_help = "Examples:
   sinew moment-arms data/models/upper_limb.toml poses.csv

@@ -7,9 +7,11 @@ mod describe;
 mod export;
 mod import;
 mod inverse_dynamics;
+mod joint_loads;
 mod keys;
 mod layout;
 mod moment_arms;
+mod movement;
 mod new;
 mod output;
 mod plan;
@@ -71,6 +73,7 @@ fn run_command(command: Command) -> Result<u8> {
         Command::Slurm(arguments) => slurm::slurm(&arguments),
         Command::Import { model, out, strict } => import::import(&model, out, strict),
         Command::InverseDynamics(arguments) => inverse_dynamics::run(&arguments),
+        Command::JointLoads { movement, muscle_forces } => joint_loads::run(&movement, &muscle_forces),
         Command::MomentArms { model, poses, out } => moment_arms::moment_arms(&model, &poses, out.as_deref()),
         Command::Rank { dir, axis, reference, measure, out, look } => rank::rank(
             &dir,

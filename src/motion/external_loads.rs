@@ -7,10 +7,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::sampling::low_pass;
-use super::text::{TextTable, at_line};
+use super::columns::{Columns, Curve, at};
 use crate::error::{Result, SourceFile, nearest};
-use crate::numerics::cubic::{CubicSpline, Ends};
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::GROUND;
 use crate::skeleton::frame::{Frame, Vector, cross};
@@ -68,9 +66,6 @@ pub struct ExternalLoad {
     course: Course,
 }
 
-/// Splines of a vector's components.
-type Curve = Box<[CubicSpline; 3]>;
-
 #[derive(Clone, Debug)]
 enum Course {
     /// Moment about the ground's origin and force, in its axes.
@@ -91,10 +86,6 @@ pub struct LoadAt {
     pub point: Vector,
     pub force: Vector,
     pub moment: Vector,
-}
-
-fn at(curve: &Curve, t: f64) -> Vector {
-    [0, 1, 2].map(|i| curve[i].at(t)[0])
 }
 
 impl ExternalLoad {
@@ -118,14 +109,6 @@ impl ExternalLoad {
     }
 }
 
-/// Columns of numbers by name, and their instants.
-struct Columns<'f> {
-    file: &'f SourceFile,
-    text: TextTable,
-    time: Vec<f64>,
-    smoothing_hz: f64,
-}
-
 impl ExternalLoads {
     /// Puts loads together: `entries` of a file, each with the bytes where it stands there; `table`: that with the
     /// columns; `smoothing_hz`: cut-off of the low-pass on forces, moments and points, 0 for none.
@@ -142,7 +125,7 @@ impl ExternalLoads {
         let columns = Columns::new(table, smoothing_hz)?;
         let loads = entries.iter().map(|(entry, place)| {
             let body = |name: &str| {
-                let index = skeleton.bodies.iter().position(|body| body.name == name);
+                let index = skeleton.bodies.iter().position(|body| body.name == name && name != GROUND);
                 index.map(Some).or((name == GROUND).then_some(None)).ok_or_else(|| {
                     let names = skeleton.bodies.iter().map(|body| body.name.as_str());
                     let near =
@@ -157,7 +140,12 @@ impl ExternalLoads {
                 let message = format!("the load `{}` acts on the ground", entry.name);
                 return Err(source.error(place.clone(), message, "here", Some(help)));
             };
-            let course = columns.course(entry, body(&entry.force_in)?, body(&entry.point_in)?)?;
+            if entry.force.is_none() && entry.moment.is_none() {
+                let help = "name the columns of a force or a moment".to_owned();
+                let message = format!("the load `{}` has neither a force nor a moment", entry.name);
+                return Err(source.error(place.clone(), message, "here", Some(help)));
+            }
+            let course = course(&columns, entry, body(&entry.force_in)?, body(&entry.point_in)?)?;
             Ok(ExternalLoad { name: entry.name.clone(), body: on, course })
         });
         let span = [columns.time[0], columns.time[columns.time.len() - 1]];
@@ -165,73 +153,18 @@ impl ExternalLoads {
     }
 }
 
-impl<'f> Columns<'f> {
-    fn new(file: &'f SourceFile, smoothing_hz: f64) -> Result<Self> {
-        let is_csv = file.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
-        let text = if is_csv { TextTable::csv(file)? } else { TextTable::storage(file)? };
-        let mut columns = Self { file, text, time: Vec::new(), smoothing_hz };
-        let name = ["time", "time_s"].into_iter().find(|name| columns.text.names.iter().any(|own| own == name));
-        let Some(name) = name else {
-            let help = "name the column of instants in seconds `time`";
-            return Err(columns.text.error(file, "there is no column `time`", help));
+fn course(columns: &Columns<'_>, entry: &LoadEntry, axes: Option<usize>, frame: Option<usize>) -> Result<Course> {
+    let (force, point) = (columns.vectors(&entry.force)?, columns.vectors(&entry.point)?);
+    let moment = columns.vectors(&entry.moment)?;
+    if let (None, None, Some(force), Some(point)) = (axes, frame, &force, &point) {
+        let about_origin = |i: usize| {
+            let own = moment.as_ref().map_or([0.0; 3], |moment| moment[i]);
+            let of_force = cross(&point[i], &force[i]);
+            [0, 1, 2].map(|axis| own[axis] + of_force[axis])
         };
-        columns.time = columns.numbers(name)?;
-        if columns.time.len() < 2 {
-            return Err(columns.text.error(file, "the table has fewer than two rows", "give the forces over time"));
-        }
-        if let Some(row) = columns.time.windows(2).position(|pair| pair[1] <= pair[0]) {
-            let line = columns.text.rows[row + 1].line;
-            let message = format!("line {line}: time {} s is not later than the row before", columns.time[row + 1]);
-            return Err(at_line(file, line, message, "sort the rows by time and remove repeated instants"));
-        }
-        Ok(columns)
+        let moment: Vec<Vector> = (0..force.len()).map(about_origin).collect();
+        return Ok(Course::Wrench { moment: columns.curve(&moment), force: columns.curve(force) });
     }
-
-    fn numbers(&self, name: &str) -> Result<Vec<f64>> {
-        let Some(column) = self.text.names.iter().position(|own| own == name) else {
-            let near = nearest(name, self.text.names.iter().map(String::as_str));
-            let near = near.map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
-            let help = format!("{near}the table has: {}", self.text.names.join(", "));
-            return Err(self.text.error(self.file, format!("there is no column `{name}`"), &help));
-        };
-        let number = |row: &super::text::Row| {
-            let field = &row.fields[column];
-            field.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| {
-                let message = format!("line {}: `{field}` in column `{name}` is not a finite number", row.line);
-                at_line(self.file, row.line, message, "fill gaps beforehand: Sinew does not guess measurements")
-            })
-        };
-        self.text.rows.iter().map(number).collect()
-    }
-
-    fn vectors(&self, prefix: &Option<String>) -> Result<Option<Vec<Vector>>> {
-        let Some(prefix) = prefix else { return Ok(None) };
-        let [x, y, z] = ["x", "y", "z"].map(|axis| self.numbers(&format!("{prefix}{axis}")));
-        let (x, y, z) = (x?, y?, z?);
-        Ok(Some((0..x.len()).map(|i| [x[i], y[i], z[i]]).collect()))
-    }
-
-    fn curve(&self, vectors: &[Vector]) -> Curve {
-        Box::new([0, 1, 2].map(|axis| {
-            let values: Vec<f64> = vectors.iter().map(|vector| vector[axis]).collect();
-            let smooth = low_pass(&self.time, &values, self.smoothing_hz);
-            CubicSpline::new(&self.time.iter().copied().zip(smooth).collect::<Vec<_>>(), Ends::Natural)
-        }))
-    }
-
-    fn course(&self, entry: &LoadEntry, axes: Option<usize>, frame: Option<usize>) -> Result<Course> {
-        let (force, point) = (self.vectors(&entry.force)?, self.vectors(&entry.point)?);
-        let moment = self.vectors(&entry.moment)?;
-        if let (None, None, Some(force), Some(point)) = (axes, frame, &force, &point) {
-            let about_origin = |i: usize| {
-                let own = moment.as_ref().map_or([0.0; 3], |moment| moment[i]);
-                let of_force = cross(&point[i], &force[i]);
-                [0, 1, 2].map(|axis| own[axis] + of_force[axis])
-            };
-            let moment: Vec<Vector> = (0..force.len()).map(about_origin).collect();
-            return Ok(Course::Wrench { moment: self.curve(&moment), force: self.curve(force) });
-        }
-        let [force, point, moment] = [force, point, moment].map(|x| x.map(|vectors| self.curve(&vectors)));
-        Ok(Course::Apart { axes, force, moment, frame, point })
-    }
+    let [force, point, moment] = [force, point, moment].map(|x| x.map(|vectors| columns.curve(&vectors)));
+    Ok(Course::Apart { axes, force, moment, frame, point })
 }

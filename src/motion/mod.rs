@@ -1,5 +1,6 @@
 //! The measured motion: from a table of joint coordinates over time to measured body coordinates.
 
+pub mod columns;
 pub mod external_loads;
 pub mod joint_motion;
 pub mod sampling;

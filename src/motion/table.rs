@@ -225,7 +225,7 @@ fn column_of(file: &SourceFile, model: &Wanted<'_>, text: &TextTable, field: &st
         let known: Vec<&str> = coordinates.iter().map(|(name, _)| *name).collect();
         let near = nearest(short, known.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
         let message = format!("the column `{field}` is not a joint coordinate of the model `{}`", model.name);
-        let help = format!("{near}the model has: {}{}", known.join(", "), force_columns(&forces));
+        let help = format!("{near}the model has: {}{}", known.join(", "), force_columns(forces));
         return Err(text.error(file, message, &help));
     };
     let factor = match (angular, text.in_degrees, unit) {

@@ -1,5 +1,6 @@
 //! Every number of the solver, by ingredient. None depends on the application: quantities are of the scaled problem,
-//! and "error" is the largest of its three KKT residuals. `cargo bench --bench ablation` shows what each is worth.
+//! and "error" is the largest of its three KKT residuals. The README shows what each
+//! ingredient is worth.
 
 use serde::{Deserialize, Serialize};
 

@@ -160,7 +160,25 @@ impl MusclePath {
     }
 }
 
+/// A straight part of a path: the bodies at its ends, and those in the ground's frame (m).
+pub struct StraightPart {
+    pub bodies: [usize; 2],
+    pub ends: [Vector; 2],
+}
+
 impl Routed<'_> {
+    /// The straight parts, in the pose in which the path was routed.
+    pub fn straight_parts(&self, frames: &[Frame<f64>], q: &[f64]) -> impl Iterator<Item = StraightPart> {
+        let end = |corner: &Corner<'_>| match corner {
+            Corner::Point(point) => (point.body, frames[point.body].point(&point.local(q))),
+            Corner::Contact(body, x) => (*body, frames[*body].point(x)),
+        };
+        self.straight.iter().map(move |(from, to)| {
+            let ((one, start), (other, stop)) = (end(from), end(to));
+            StraightPart { bodies: [one, other], ends: [start, stop] }
+        })
+    }
+
     /// ∂L/∂q of one coordinate, m/rad (dimensionless for a displacement). The dual parts of `q` and `frames` are the
     /// derivatives with respect to that coordinate.
     pub fn slope(&self, q: &[Dual64], frames: &[Frame<Dual64>]) -> f64 {

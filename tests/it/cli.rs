@@ -89,6 +89,7 @@ fn help_has_examples() {
         "show",
         "moment-arms",
         "inverse-dynamics",
+        "joint-loads",
         "compare",
         "slurm",
         "schema",

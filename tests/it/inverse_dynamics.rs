@@ -199,3 +199,130 @@ fn the_moments_of_walking_are_opensims() {
         assert!(rms <= limit, "{name}: {rms} of {limit}");
     }
 }
+
+/// A rod that hangs still, with a muscle from the ground to its middle and a weight less free joint below it.
+const HANGING: &str = r#"
+name = "hanging"
+dimensions = 3
+
+[[body]]
+name = "rod"
+mass = 2.0
+centre_of_mass = [0.0, -0.4, 0.0]
+inertia = [0.03, 0.01, 0.03, 0.0, 0.0, 0.0]
+
+[[body]]
+name = "foot"
+mass = 0.5
+centre_of_mass = [0.1, 0.0, 0.0]
+inertia = [0.001, 0.001, 0.001, 0.0, 0.0, 0.0]
+
+[[joint]]
+name = "hinge"
+kind = "axes"
+parent = "ground"
+child = "rod"
+rotations = [{ coordinate = "angle", axis = [0.0, 0.0, 1.0] }]
+
+[[joint]]
+name = "glued"
+kind = "weld"
+parent = "rod"
+child = "foot"
+parent_point = [0.0, -0.8, 0.0]
+
+[[coordinate]]
+name = "angle"
+
+[[muscle]]
+name = "holder"
+max_isometric_force = 100.0
+optimal_fibre_length = 0.2
+tendon_slack_length = 0.2
+path = [{ body = "ground", point = [0.3, 0.0, 0.0] }, { body = "rod", point = [0.0, -0.4, 0.0] }]
+"#;
+
+#[test]
+fn joints_carry_weight_and_muscles() {
+    let row = |t: f64| format!("{t},0.5\n");
+    let motion: String = (0..=10).map(|k| row(f64::from(k) / 10.0)).collect();
+    let forces = "time,holder\n0,50\n1,50\n".to_owned();
+    let files = [
+        ("model.toml", HANGING.to_owned()),
+        ("motion.csv", format!("time,angle_rad\n{motion}")),
+        ("forces.csv", forces),
+    ];
+    let folder = in_folder(&files);
+    let arguments = ["joint-loads", "model.toml", "motion.csv", "--muscle-forces", "forces.csv"];
+    let run = sinew(&arguments, folder.path());
+    assert_eq!(run.status.code(), Some(0), "{}", text(&run.stderr));
+    let out = text(&run.stdout);
+    let load = |joint: &str, frame: &str| -> Vec<f64> {
+        let line = out.lines().find(|line| line.starts_with(&format!("0.5,{joint},")) && line.contains(frame)).unwrap();
+        line.split(',').skip(5).map(|x| x.parse().unwrap()).collect()
+    };
+    // The muscle pulls the rod from its middle towards (0.3, 0).
+    let (sin, cos) = 0.5f64.sin_cos();
+    let pull = [0.3 - 0.4 * sin, 0.4 * cos];
+    let pull = pull.map(|x| 50.0 * x / pull[0].hypot(pull[1]));
+    let expected = [-pull[0], 2.5 * 9.81 - pull[1]];
+    let hinge = load("hinge", ",ground,");
+    assert!((hinge[0] - expected[0]).abs() < 1e-9 && (hinge[1] - expected[1]).abs() < 1e-9, "{hinge:?} {expected:?}");
+    assert!(
+        (hinge[6] - expected[0].hypot(expected[1])).abs() < 1e-9 && (hinge[7] - hinge[6] / (2.5 * 9.81)).abs() < 1e-9
+    );
+    // What no muscle makes about the axis passes through the joint, too: gravity less the muscle's moment.
+    let gravity = 9.81 * (2.0 * 0.4 * sin + 0.5 * (0.8 * sin + 0.1 * cos));
+    let of_muscle = 0.4 * sin * pull[1] + 0.4 * cos * pull[0];
+    assert!((hinge[5] - (gravity - of_muscle)).abs() < 1e-9, "{hinge:?} {gravity} {of_muscle}");
+    let glued = load("glued", ",child,");
+    let weight = 0.5 * 9.81;
+    assert!((glued[0] - weight * sin).abs() < 1e-9 && (glued[1] - weight * cos).abs() < 1e-9, "{glued:?}");
+    assert!((glued[5] - weight * 0.1 * cos).abs() < 1e-9, "{glued:?}");
+    for (from, to, says) in [
+        ("holder", "holdr", &["no column is a muscle", "`holder`"][..]),
+        ("\n1,50", "\n0.8,50", &["known from 0 to 0.8 s", "--window 0 0.8"]),
+    ] {
+        std::fs::write(folder.path().join("forces.csv"), files[2].1.replace(from, to)).unwrap();
+        let bad = sinew(&arguments, folder.path());
+        assert_eq!(bad.status.code(), Some(2));
+        says.iter().for_each(|says| assert!(one_line(&text(&bad.stderr)).contains(says), "{}", text(&bad.stderr)));
+    }
+}
+
+/// OpenSim's JointReaction of the same muscle forces: hips, knees and ankles within 2 % of the peak.
+#[test]
+fn the_joint_loads_of_walking_are_opensims() {
+    let (Some(model), Some(reference)) =
+        (shared("walking/subject_walk_scaled.osim"), shared("walking/joint_reaction_opensim.csv"))
+    else {
+        return;
+    };
+    let walking = model.parent().unwrap().to_owned();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("joints.csv");
+    let arguments = ["joint-loads", "subject_walk_scaled.osim", "coordinates.sto", "--loads", "grf_walk.xml"];
+    let more = ["--muscle-forces", "static_optimization_forces_opensim.csv", "--window", "0.48", "1.61", "--out"];
+    let run = sinew(&[&arguments[..], &more, &[out.to_str().unwrap()]].concat(), &walking);
+    assert_eq!(run.status.code(), Some(0), "{}", text(&run.stderr));
+    let found = std::fs::read_to_string(out).unwrap();
+    let found: Vec<Vec<&str>> = found.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let reference = std::fs::read_to_string(reference).unwrap();
+    let names: Vec<&str> = reference.lines().next().unwrap().split(',').collect();
+    let rows: Vec<Vec<f64>> =
+        reference.lines().skip(1).map(|line| line.split(',').map(|x| x.parse().unwrap()).collect()).collect();
+    for (column, name) in names.iter().enumerate().skip(1).step_by(6) {
+        let joint = name.split("_on_").next().unwrap();
+        let own: Vec<&Vec<&str>> = found.iter().filter(|row| row[1] == joint && row[4] == "child").collect();
+        let (mut worst, mut peak) = (0.0f64, 0.0f64);
+        for row in &rows {
+            let time = |found: &Vec<&str>| (found[0].parse::<f64>().unwrap() - row[0]).abs();
+            let here = own.iter().min_by(|a, b| time(a).total_cmp(&time(b))).unwrap();
+            let off: f64 = (0..3).map(|i| (here[5 + i].parse::<f64>().unwrap() - row[column + i]).powi(2)).sum();
+            worst = worst.max(off.sqrt());
+            peak = peak.max((0..3).map(|i| row[column + i].powi(2)).sum::<f64>().sqrt());
+        }
+        eprintln!("{joint}: {worst:.1} N of {peak:.0} N");
+        assert!(worst <= 0.02 * peak, "{joint}: {worst} of {peak}");
+    }
+}

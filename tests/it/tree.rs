@@ -122,7 +122,7 @@ fn loads(tree: &Tree, generator: &mut StdRng) -> Vec<Load> {
     let mut vector = |size: f64| [0; 3].map(|_| generator.random_range(-size..size));
     let load = |link: usize| {
         let point = vector(0.3);
-        let point = if link % 2 == 0 { Point::OfLink(point) } else { Point::OfGround(point) };
+        let point = if link.is_multiple_of(2) { Point::OfLink(point) } else { Point::OfGround(point) };
         Load { link, point, force: vector(5.0), moment: vector(1.0) }
     };
     (0..tree.links.len()).step_by(3).map(load).collect()

@@ -85,10 +85,9 @@ struct At {
     frame: Frame<f64>,
     /// X
     axis: Screw,
-    /// Of the parent: V, A, W.
-    velocity_before: Screw,
-    acceleration_before: Screw,
-    virtual_before: Screw,
+    /// V, A, W of the parent, and of the link.
+    before: [Screw; 3],
+    twist: [Screw; 3],
     /// u, u̇, ü and λ of the drive, and its function.
     arguments: [f64; 4],
     drive: Taylor,
@@ -136,14 +135,13 @@ impl<'t> Dynamics<'t> {
         let mut links: Vec<At> = Vec::with_capacity(tree.links.len());
         let [gx, gy, gz] = tree.gravity;
         let ground = [Screw::zeros(), Screw::new(0.0, 0.0, 0.0, -gx, -gy, -gz), Screw::zeros()];
-        let mut twists: Vec<[Screw; 3]> = Vec::with_capacity(tree.links.len());
         for link in &tree.links {
             let arguments = [state.coordinates, state.speeds, state.accelerations, state.virtual_speeds]
                 .map(|values| if values.is_empty() { 0.0 } else { link.drive.argument(values) });
             let [u, rate, second, lambda] = arguments;
             let drive = link.drive.at(u);
             let (parent, before) = match link.parent {
-                Some(parent) => (links[parent].frame, twists[parent]),
+                Some(parent) => (links[parent].frame, links[parent].twist),
                 None => (Frame::identity(), ground),
             };
             let frame = parent * link.before * link.axis.frame(drive[0]);
@@ -154,23 +152,13 @@ impl<'t> Dynamics<'t> {
             let acceleration = a + axis * acceleration + cross(&velocity, &axis) * (drive[1] * rate);
             let virtual_twist = w + axis * (drive[1] * lambda);
             let inertia = link.mass.within(&frame).matrix();
-            let sums = Sums::of(&inertia, [&velocity, &acceleration, &virtual_twist]);
-            let [velocity_before, acceleration_before, virtual_before] = before;
-            twists.push([velocity, acceleration, virtual_twist]);
-            links.push(At {
-                frame,
-                axis,
-                velocity_before,
-                acceleration_before,
-                virtual_before,
-                arguments,
-                drive,
-                sums,
-            });
+            let twist = [velocity, acceleration, virtual_twist];
+            let sums = Sums::of(&inertia, twist.each_ref());
+            links.push(At { frame, axis, before, twist, arguments, drive, sums });
         }
         for load in loads {
-            let At { frame, sums, .. } = &mut links[load.link];
-            sums.put_on(load, frame, &twists[load.link][2]);
+            let At { frame, sums, twist, .. } = &mut links[load.link];
+            sums.put_on(load, frame, &twist[2]);
         }
         for k in (0..links.len()).rev() {
             if let Some(parent) = tree.links[k].parent {
@@ -196,9 +184,9 @@ impl<'t> Dynamics<'t> {
         forces
     }
 
-    /// Wrench (N m, N) about the ground's origin that each link hands to what it carries.
-    pub fn wrenches(&self) -> impl Iterator<Item = Screw> {
-        self.links.iter().map(|at| at.sums.force)
+    /// V and A of each link.
+    pub fn twists(&self) -> Vec<(Screw, Screw)> {
+        self.links.iter().map(|at| (at.twist[0], at.twist[1])).collect()
     }
 
     /// Hands the second derivatives of S to `each`, both of a symmetric pair, in parts that add up.
@@ -315,10 +303,11 @@ impl At {
     /// The table at the head of the module, a line for each level.
     fn changes(&self) -> [Change; 4] {
         let (x, zero) = (self.axis, Screw::zeros());
-        let d = cross(&self.velocity_before, &x);
-        let e = cross(&self.acceleration_before, &x) - cross(&d, &self.velocity_before);
+        let [v, a, w] = &self.before;
+        let d = cross(v, &x);
+        let e = cross(a, &x) - cross(&d, v);
         [
-            Change { d, e, w: cross(&self.virtual_before, &x), moves: x },
+            Change { d, e, w: cross(w, &x), moves: x },
             Change { d: x, e: d * 2.0, w: zero, moves: zero },
             Change { d: zero, e: x, w: zero, moves: zero },
             Change { d: zero, e: zero, w: x, moves: zero },

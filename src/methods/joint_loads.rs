@@ -1,0 +1,84 @@
+//! Loads that joints carry in a motion with known muscle forces (joint contact loads, joint reactions).
+//!
+//! ```text
+//! F_j = Σ over bodies carried by joint j  (I A + V ×* I V − external loads − muscles)
+//! ```
+//!
+//! Everything that acts on the bodies on the far side of a joint is known, and what is missing passes through the joint:
+//! muscles pull at both ends of each straight part of their path, at path points and where a path meets a surface.
+//!
+//! Source: K. M. Steele et al., *Gait & Posture* 35, 2012, as implemented in OpenSim's JointReaction.
+
+use nalgebra::Vector3;
+
+use super::inverse_dynamics::{Instant, Movement};
+use crate::model::tree::screw::{MassProperties, Screw, angular, cross_wrench, linear, screw};
+use crate::numerics::cubic::CubicSpline;
+use crate::skeleton::frame::{Frame, Vector, minus, unit};
+
+/// Forces of muscles over time.
+pub struct MuscleForces {
+    /// (muscle, force in N)
+    pub forces: Vec<(usize, CubicSpline)>,
+}
+
+/// Load on the child of a joint, at the origin of the joint's frame there, in the ground's axes.
+#[derive(Clone, Copy, Debug)]
+pub struct JointLoad {
+    /// N
+    pub force: Vector,
+    /// N m
+    pub moment: Vector,
+}
+
+/// The load of each joint at an instant.
+pub fn joint_loads(movement: &Movement<'_>, now: &Instant, muscles: &MuscleForces) -> Vec<JointLoad> {
+    let skeleton = movement.skeleton;
+    let mut carried = inertial_wrenches(movement, now);
+    for (muscle, spline) in &muscles.forces {
+        let tension = spline.at(now.time)[0];
+        let (q, frames) = (&now.coordinates[0], &now.frames);
+        for part in skeleton.muscles[*muscle].path.route(skeleton, q, frames).straight_parts(frames, q) {
+            let [from, to] = part.ends;
+            let pull = Vector3::from(unit(&minus(&to, &from))) * tension;
+            for (body, point, force) in [(part.bodies[0], from, pull), (part.bodies[1], to, -pull)] {
+                carried[body] -= screw(Vector3::from(point).cross(&force), force);
+            }
+        }
+    }
+    // From the tips inwards.
+    for joint in skeleton.joints.iter().rev() {
+        if let Some(parent) = joint.parent {
+            let beyond = carried[joint.child];
+            carried[parent] += beyond;
+        }
+    }
+    let at_joint = |joint: &crate::skeleton::Joint| {
+        let wrench = carried[joint.child];
+        let origin = Vector3::from((now.frames[joint.child] * joint.in_child).origin);
+        let force = linear(&wrench);
+        JointLoad { force: force.into(), moment: (angular(&wrench) - origin.cross(&force)).into() }
+    };
+    skeleton.joints.iter().map(at_joint).collect()
+}
+
+/// What each body needs for its motion beside gravity and external loads, about the ground's origin.
+fn inertial_wrenches(movement: &Movement<'_>, now: &Instant) -> Vec<Screw> {
+    let skeleton = movement.skeleton;
+    let twists = now.dynamics(&movement.tree).twists();
+    let [gx, gy, gz] = skeleton.gravity;
+    let at_rest = (Screw::zeros(), Screw::new(0.0, 0.0, 0.0, -gx, -gy, -gz));
+    let bodies = skeleton.bodies.iter().zip(&movement.tree.places).zip(&now.frames);
+    let inertial = bodies.map(|((body, (link, _)), frame): ((_, _), &Frame<f64>)| {
+        let (v, a) = link.map_or(at_rest, |link| twists[link]);
+        let inertia = MassProperties::of_body(body.mass, body.centre_of_mass, body.inertia).within(frame).matrix();
+        inertia * a + cross_wrench(&v, &(inertia * v))
+    });
+    let mut wrenches: Vec<Screw> = inertial.collect();
+    for load in movement.loads.iter().flat_map(|loads| &loads.loads) {
+        let at = load.at(now.time, &now.frames);
+        let force = Vector3::from(at.force);
+        wrenches[load.body] -= screw(Vector3::from(at.point).cross(&force) + Vector3::from(at.moment), force);
+    }
+    wrenches
+}
