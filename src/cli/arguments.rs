@@ -44,10 +44,10 @@ pub struct Terminal {
     pub verbose: bool,
 }
 
-/// A motion of a spatial model, and where its table goes.
+/// A motion of a model, and where its table goes.
 #[derive(Args)]
 pub struct MovementArguments {
-    /// Spatial model (.toml, .osim)
+    /// Model (.toml, .osim)
     pub model: PathBuf,
     /// Joint coordinates over time (.csv, .mot, .sto)
     pub motion: PathBuf,
@@ -55,13 +55,13 @@ pub struct MovementArguments {
     #[arg(long, value_name = "FILE")]
     pub loads: Option<PathBuf>,
     /// Only these instants, s [default: the whole motion]
-    #[arg(long, num_args = 2, value_names = ["FROM", "TO"])]
+    #[arg(long, num_args = 2, value_names = ["FROM", "TO"], allow_negative_numbers = true)]
     pub window: Option<Vec<f64>>,
     /// Cut-off frequency of the low-pass on the coordinates, Hz; 0 for none
-    #[arg(long, value_name = "HZ", default_value_t = 0.0, value_parser = frequency)]
+    #[arg(long, value_name = "HZ", default_value_t = 0.0, value_parser = frequency, allow_negative_numbers = true)]
     pub smoothing: f64,
-    /// Cut-off frequency of the low-pass on the loads, Hz; 0 for none
-    #[arg(long, value_name = "HZ", default_value_t = 0.0, value_parser = frequency)]
+    /// Cut-off frequency of the low-pass on the external loads, Hz; 0 for none
+    #[arg(long, value_name = "HZ", default_value_t = 0.0, value_parser = frequency, allow_negative_numbers = true)]
     pub force_smoothing: f64,
     /// File to write, .csv or .parquet [default: CSV to the terminal]
     #[arg(long, value_name = "FILE")]
@@ -316,22 +316,24 @@ A study can also use an .osim file directly as its model; `sinew check` lists wh
         #[arg(long)]
         strict: bool,
     },
-    /// Compute the net moment or force of each joint coordinate of a spatial model over a motion
+    /// Compute the net moment or force of each joint coordinate over a motion
     #[command(after_help = "Examples:
   sinew inverse-dynamics gait.osim walk_ik.mot --loads grf_walk.xml --smoothing 6 --out moments.csv
-  sinew inverse-dynamics gait.osim walk_ik.mot --loads grf_walk.xml --window 0.48 1.61 --out moments.parquet
+  sinew inverse-dynamics gait.osim walk_ik.mot --loads grf_walk.xml --window 0.48 1.61 > moments.csv
 
-Inertial forces less gravity and loads, as OpenSim's InverseDynamicsTool has them: what muscles, or whatever
-else drives the coordinate, must make. Columns are <coordinate>_moment_n_m or <coordinate>_force_n; rows are the
-instants of the motion. LOADS is OpenSim's ExternalLoads (.xml), or a .toml with `table = \"forces.mot\"` and
-[[external_load]] entries with name, body, force, point, moment (prefixes of columns), force_in and point_in.")]
+Inertial forces less gravity and loads, as in OpenSim's InverseDynamicsTool: what muscles, or
+whatever else drives the coordinate, must make. Columns are <coordinate>_moment_n_m and
+<coordinate>_force_n; rows are the instants of the motion. Loads are OpenSim's ExternalLoads (.xml),
+or a .toml with `table = \"forces.mot\"` and [[external_load]] entries: name, body, force, point and
+moment (prefixes of columns), force_in, point_in. External loads need a spatial model.")]
     InverseDynamics(MovementArguments),
     /// Compute the loads that joints carry in a motion with known muscle forces (joint contact loads)
     #[command(after_help = "Examples:
   sinew joint-loads gait.osim walk_ik.mot --loads grf_walk.xml --muscle-forces forces.sto --out joints.parquet
 
-As OpenSim's JointReaction has them: force and moment on the child, at the origin of the joint's frame in the child,
-in the axes of the ground, the parent and the child (column `frame`). FORCES has a column for each muscle, in N.")]
+Force and moment on the child, at the origin of the joint's frame in the child, as in OpenSim's
+JointReaction, in the axes of the ground, the parent and the child (column `frame`). FORCES has a
+column for each muscle, in N. The model must be spatial.")]
     JointLoads {
         #[command(flatten)]
         movement: MovementArguments,

@@ -1,63 +1,83 @@
-//! `sinew inverse-dynamics`: net moments and forces of the joint coordinates of a spatial model over a motion.
+//! `sinew inverse-dynamics`: net moments and forces of the joint coordinates over a motion.
 
 use super::arguments::MovementArguments;
 use super::layout::wrapped;
-use super::movement::Files;
+use super::movement::{Files, instants, window};
 use super::output::{csv, write_table};
 use super::{GOOD, print};
-use crate::error::Result;
-use crate::methods::inverse_dynamics::{NetForces, inverse_dynamics};
+use crate::error::{Result, SourceFile};
+use crate::methods::inverse_dynamics::{NetForce, planar, spatial};
+use crate::motion::MotionTable;
 use crate::names::counted;
+use crate::study::{is_spatial, load_model};
 use crate::tables::{Table, Values};
+use crate::terminal::note;
 
 pub fn run(arguments: &MovementArguments) -> Result<u8> {
-    let files = Files::read(arguments)?;
-    let movement = files.movement();
-    let found = inverse_dynamics(&movement);
-    let out = table(&files, &movement.time, &found);
-    match &arguments.out {
-        None => print(csv(&out)?.trim_end()),
-        Some(path) => {
-            write_table(&out, vec![("sinew.model".to_owned(), files.skeleton.name.clone())], path)?;
-            let lines = files.notes().into_iter().chain(summary(&files, &found));
-            lines.for_each(|line| print(&wrapped(&line, "    ")));
-            print(&format!("{}: {}", counted(movement.time.len(), "instant"), path.display()));
-        }
+    let model = SourceFile::read(&arguments.model)?;
+    if !is_spatial(&model) {
+        return of_planar(arguments, &model);
     }
-    Ok(GOOD)
-}
-
-fn table(files: &Files, time: &[f64], found: &NetForces) -> Table {
-    let numbers = |values: &[f64]| Values::Number(values.iter().map(|value| Some(*value)).collect());
-    let mut columns = vec![("time_s".to_owned(), numbers(time))];
-    columns.extend(found.coordinates.iter().map(|(c, values)| {
-        let coordinate = &files.skeleton.coordinates[*c];
-        let unit = if coordinate.is_angle { "moment_n_m" } else { "force_n" };
-        (format!("{}_{unit}", coordinate.name), numbers(values))
-    }));
-    Table { name: "inverse_dynamics", columns }
-}
-
-/// The peaks of the loads, and of the residuals: forces between the ground and the model, which loads and accelerations
-/// that fit each other would leave at zero.
-fn summary(files: &Files, found: &NetForces) -> Vec<String> {
-    let skeleton = &files.skeleton;
+    let files = Files::read(arguments, &model)?;
+    let movement = files.movement();
+    let (found, peaks) = spatial::net_forces(&movement);
     let mut lines = Vec::new();
-    for (load, peak) in files.loads.iter().flat_map(|loads| &loads.loads).zip(&found.peaks) {
-        let body = &skeleton.bodies[load.body].name;
+    for (load, peak) in files.loads.iter().flat_map(|loads| &loads.loads).zip(peaks) {
+        let body = &files.skeleton.bodies[load.body].name;
         lines.push(format!("load {} on {body}: vertical force up to {peak:.2} times the model's weight", load.name));
     }
-    let roots = skeleton.joints.iter().filter(|joint| joint.parent.is_none());
-    let of_ground: Vec<usize> = roots.flat_map(|joint| joint.motion.coordinates()).collect();
-    let residuals = found.coordinates.iter().filter(|(c, _)| of_ground.contains(c));
-    let peaks = residuals.map(|(c, values)| {
-        let coordinate = &skeleton.coordinates[*c];
-        let peak = values.iter().fold(0.0f64, |peak, value| peak.max(value.abs()));
-        format!("{} {peak:.1} {}", coordinate.name, if coordinate.is_angle { "N m" } else { "N" })
-    });
-    let peaks: Vec<String> = peaks.collect();
-    if !peaks.is_empty() {
-        lines.push(format!("largest between model and ground beside the loads: {}", peaks.join(", ")));
+    written(arguments, &files.skeleton.name, lines, &movement.time, &found)
+}
+
+fn of_planar(arguments: &MovementArguments, file: &SourceFile) -> Result<u8> {
+    let refused = |message: &str, help: &str| {
+        Err(file.error(None, format!("{}: {message}", file.path.display()), "", Some(help.to_owned())))
+    };
+    if arguments.loads.is_some() || arguments.force_smoothing > 0.0 {
+        return refused("the model is planar", "external loads need a spatial model");
     }
-    lines
+    let (_, model) = load_model(file)?;
+    let motion = SourceFile::read(&arguments.motion)?;
+    let table = MotionTable::from_file(&motion, &model)?;
+    let instants = instants(window(arguments, &motion, &table)?);
+    let time: Vec<f64> = table.time.iter().copied().filter(|t| instants.contains(t)).collect();
+    table.notes.iter().for_each(|remark| note(&format!("note: {remark}")));
+    let mechanism = model.planar().expect("a model is planar or spatial");
+    match planar::net_forces(mechanism, &table, &time, arguments.smoothing) {
+        Ok(found) => written(arguments, &model.name, Vec::new(), &time, &found),
+        Err(why) => refused(&why, "net moments need joints that form a tree, and a column for each joint coordinate"),
+    }
+}
+
+/// Prints the table, or writes it and prints `lines` and the residuals.
+fn written(
+    arguments: &MovementArguments,
+    model: &str,
+    mut lines: Vec<String>,
+    time: &[f64],
+    found: &[NetForce],
+) -> Result<u8> {
+    let numbers = |values: &[f64]| Values::Number(values.iter().map(|value| Some(*value)).collect());
+    let mut columns = vec![("time_s".to_owned(), numbers(time))];
+    columns.extend(found.iter().map(|own| {
+        let unit = if own.is_angle { "moment_n_m" } else { "force_n" };
+        (format!("{}_{unit}", own.coordinate), numbers(&own.values))
+    }));
+    let table = Table { name: "inverse_dynamics", columns };
+    let Some(path) = &arguments.out else {
+        print(csv(&table)?.trim_end());
+        return Ok(GOOD);
+    };
+    write_table(&table, vec![("sinew.model".to_owned(), model.to_owned())], path)?;
+    let residual = |own: &NetForce| {
+        let peak = own.values.iter().fold(0.0f64, |peak, value| peak.max(value.abs()));
+        format!("{} {peak:.1} {}", own.coordinate, if own.is_angle { "N m" } else { "N" })
+    };
+    let residuals: Vec<String> = found.iter().filter(|own| own.is_residual).map(residual).collect();
+    if !residuals.is_empty() {
+        lines.push(format!("residuals of the floating base up to: {}", residuals.join(", ")));
+    }
+    lines.iter().for_each(|line| print(&wrapped(line, "    ")));
+    print(&format!("{}: {}", counted(time.len(), "instant"), path.display()));
+    Ok(GOOD)
 }

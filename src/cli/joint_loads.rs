@@ -8,17 +8,21 @@ use super::movement::{Files, covers};
 use super::output::{csv, write_table};
 use super::{GOOD, print};
 use crate::error::{Result, SourceFile};
-use crate::methods::inverse_dynamics::weight;
-use crate::methods::joint_loads::{JointLoad, MuscleForces, joint_loads};
+use crate::methods::inverse_dynamics::joint_loads::{JointLoad, MuscleForces, joint_loads};
+use crate::methods::inverse_dynamics::spatial::weight;
 use crate::motion::columns::Columns;
 use crate::names::counted;
 use crate::skeleton::Joint;
 use crate::skeleton::file::GROUND;
 use crate::skeleton::frame::{Frame, Vector, norm};
 use crate::tables::{Table, Values};
+use crate::terminal::note;
+
+/// Numbers no larger than this are activations rather than forces.
+const LARGEST_ACTIVATION: f64 = 1.5;
 
 pub fn run(arguments: &MovementArguments, forces: &Path) -> Result<u8> {
-    let files = Files::read(arguments)?;
+    let files = Files::read(arguments, &SourceFile::read(&arguments.model)?)?;
     let forces = SourceFile::read(forces)?;
     let muscles = muscle_forces(&files, &forces)?;
     let movement = files.movement();
@@ -42,8 +46,7 @@ pub fn run(arguments: &MovementArguments, forces: &Path) -> Result<u8> {
         None => print(csv(&table)?.trim_end()),
         Some(path) => {
             write_table(&table, vec![("sinew.model".to_owned(), files.skeleton.name.clone())], path)?;
-            let lines = files.notes().into_iter().chain(missing(&files, &muscles)).chain(rows.peaks(&files));
-            lines.for_each(|line| print(&wrapped(&line, "    ")));
+            rows.peaks(&files).iter().for_each(|line| print(&wrapped(line, "    ")));
             print(&format!("{}: {}", counted(movement.time.len(), "instant"), path.display()));
         }
     }
@@ -55,14 +58,20 @@ fn is_real(files: &Files, joint: &Joint) -> bool {
     files.skeleton.bodies[joint.child].name != GROUND
 }
 
-/// Forces of the muscles that have a column.
+/// Forces of the muscles that have a column, named after the muscle or by its path in OpenSim.
 fn muscle_forces(files: &Files, file: &SourceFile) -> Result<MuscleForces> {
     let columns = Columns::new(file, 0.0)?;
     covers(file, "muscle forces", [columns.time[0], columns.time[columns.time.len() - 1]], files.window)?;
-    let mut forces = Vec::new();
+    let short = |name: &str| name.trim_end_matches("/tendon_force").rsplit('/').next().unwrap_or(name).to_owned();
+    let (mut forces, mut used, mut without) = (Vec::new(), Vec::new(), Vec::new());
     for (m, muscle) in files.skeleton.muscles.iter().enumerate() {
-        if columns.text.names.contains(&muscle.name) {
-            forces.push((m, columns.spline(&columns.numbers(&muscle.name)?)));
+        match columns.text.names.iter().find(|name| short(name) == muscle.name) {
+            Some(name) => {
+                let values = columns.numbers(name, &format!("the muscle `{}`", muscle.name), &|_| true)?;
+                used.push((name.as_str(), values.iter().fold(0.0f64, |a, x| a.max(x.abs()))));
+                forces.push((m, columns.spline(&values)));
+            }
+            None => without.push(muscle.name.as_str()),
         }
     }
     if forces.is_empty() {
@@ -70,15 +79,19 @@ fn muscle_forces(files: &Files, file: &SourceFile) -> Result<MuscleForces> {
         let help = format!("name columns after the model's muscles, such as `{first}`, with forces in N");
         return Err(columns.text.error(file, "no column is a muscle of the model", &help));
     }
+    if !without.is_empty() {
+        note(&format!("note: without a column, taken as 0 N: {}", without.join(", ")));
+    }
+    let is_other = |name: &&str| !name.starts_with("time") && used.iter().all(|(own, _)| own != name);
+    let others: Vec<&str> = columns.text.names.iter().map(String::as_str).filter(is_other).collect();
+    if let Some(first) = others.first() {
+        let count = counted(others.len(), "other column");
+        note(&format!("note: {count} (`{first}` …) ignored: joints carry what actuators make in their moments"));
+    }
+    if used.iter().all(|(_, peak)| *peak <= LARGEST_ACTIVATION) {
+        note("warning: no muscle force is above 1.5 N: are these activations?");
+    }
     Ok(MuscleForces { forces })
-}
-
-/// A note on muscles without a column.
-fn missing(files: &Files, muscles: &MuscleForces) -> Option<String> {
-    let names =
-        files.skeleton.muscles.iter().enumerate().filter(|(m, _)| muscles.forces.iter().all(|(own, _)| own != m));
-    let names: Vec<&str> = names.map(|(_, muscle)| muscle.name.as_str()).collect();
-    (!names.is_empty()).then(|| format!("note: without a column, taken as 0 N: {}", names.join(", ")))
 }
 
 #[derive(Default)]
@@ -102,7 +115,7 @@ impl Rows {
         self.joint.push(joint);
         self.frame.push(Some(name.to_owned()));
         self.force.push(Some(size));
-        self.body_weights.push(Some(size / weight));
+        self.body_weights.push((weight > 0.0).then_some(size / weight));
     }
 
     fn table(&self, files: &Files) -> Table {
@@ -136,7 +149,9 @@ impl Rows {
         };
         let line = |(j, joint): (usize, &Joint)| {
             let (force, weights) = peak(j);
-            format!("{}: up to {force:.0} N ({weights:.2} times the model's weight)", joint.name)
+            let weights =
+                if weights > 0.0 { format!(" ({weights:.2} times the model's weight)") } else { String::new() };
+            format!("{}: up to {force:.0} N{weights}", joint.name)
         };
         files.skeleton.joints.iter().enumerate().filter(|(_, joint)| is_real(files, joint)).map(line).collect()
     }

@@ -1,16 +1,19 @@
-//! What `inverse-dynamics` and `joint-loads` read: a spatial model, a motion, external loads.
+//! What `inverse-dynamics` and `joint-loads` read: a model, a motion, external loads.
 
 use std::ops::RangeInclusive;
 use std::path::Path;
 
 use super::arguments::MovementArguments;
 use crate::error::{Result, SourceFile};
-use crate::methods::inverse_dynamics::Movement;
+use crate::methods::inverse_dynamics::spatial::Movement;
+use crate::model::tree::Tree;
 use crate::motion::MotionTable;
-use crate::motion::external_loads::{ExternalLoads, LoadEntry, LoadsFile};
+use crate::motion::columns::check_cutoff;
+use crate::motion::external_loads::{ExternalLoads, LoadsFile};
 use crate::opensim;
 use crate::skeleton::Skeleton;
 use crate::study::{is_spatial, load_skeleton};
+use crate::terminal::note;
 
 /// Instants may be off a window's ends by so much, s.
 const ROUNDING: f64 = 1e-9;
@@ -20,48 +23,63 @@ pub struct Files {
     pub skeleton: Skeleton,
     pub table: MotionTable,
     pub loads: Option<ExternalLoads>,
-    /// s
     pub window: [f64; 2],
     smoothing_hz: f64,
 }
 
 impl Files {
-    pub fn read(arguments: &MovementArguments) -> Result<Self> {
-        let model = SourceFile::read(&arguments.model)?;
-        if !is_spatial(&model) {
-            let message = format!("{}: a planar model is not supported here", model.path.display());
-            return Err(model.error(None, message, "", Some("the command needs a spatial model".to_owned())));
+    /// Reads what belongs to a spatial model, and says what is left out or assumed.
+    pub fn read(arguments: &MovementArguments, model: &SourceFile) -> Result<Self> {
+        let name = model.path.display();
+        let refused = |message: String, help: &str| Err(model.error(None, message, "", Some(help.to_owned())));
+        if !is_spatial(model) {
+            return refused(
+                format!("{name}: a planar model is not supported here"),
+                "the command needs a spatial model",
+            );
         }
-        let (_, skeleton) = load_skeleton(&model)?;
-        super::import::say_lost(&model)?;
+        let (_, skeleton) = load_skeleton(model)?;
+        if let Some(coordinate) = Tree::unsupported(&skeleton) {
+            let help = "coordinates of a joint on an ellipsoid must be independent here";
+            return refused(format!("{name}: `{coordinate}` follows another coordinate"), help);
+        }
+        super::import::say_lost(model)?;
         let motion = SourceFile::read(&arguments.motion)?;
         let table = MotionTable::from_file(&motion, &skeleton)?;
         let window = window(arguments, &motion, &table)?;
         let mut loads = None;
         if let Some(path) = &arguments.loads {
-            let found = read_loads(path, &skeleton, arguments.force_smoothing)?;
-            covers(&SourceFile::read(path)?, "the loads", found.span, window)?;
+            let (found, source) = read_loads(path, &skeleton, arguments.force_smoothing)?;
+            covers(&source, "the loads", found.span, window)?;
             loads = Some(found);
         }
-        Ok(Self { skeleton, table, loads, window, smoothing_hz: arguments.smoothing })
+        let files = Self { skeleton, table, loads, window, smoothing_hz: arguments.smoothing };
+        files.say_assumptions();
+        Ok(files)
     }
 
     pub fn movement(&self) -> Movement<'_> {
-        let window: RangeInclusive<f64> = self.window[0] - ROUNDING..=self.window[1] + ROUNDING;
-        Movement::new(&self.skeleton, &self.table, self.loads.as_ref(), &window, self.smoothing_hz)
+        Movement::new(&self.skeleton, &self.table, self.loads.as_ref(), &instants(self.window), self.smoothing_hz)
     }
 
-    /// Remarks on the motion.
-    pub fn notes(&self) -> Vec<String> {
-        let mut notes: Vec<String> = self.table.notes.iter().map(|note| format!("note: {note}")).collect();
+    fn say_assumptions(&self) {
+        self.table.notes.iter().for_each(|remark| note(&format!("note: {remark}")));
         let coordinates = self.skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
         let names = coordinates.map(|coordinate| coordinate.name.as_str());
         let without: Vec<&str> = names.filter(|name| self.table.column(name).is_none()).collect();
         if !without.is_empty() {
-            notes.push(format!("note: without a column in the motion, at their defaults: {}", without.join(", ")));
+            note(&format!("note: without a column in the motion, at their defaults: {}", without.join(", ")));
         }
-        notes
+        let held: Vec<&str> = self.skeleton.held_points.iter().map(|held| held.name.as_str()).collect();
+        if !held.is_empty() {
+            note(&format!("note: these point constraints carry no force here: {}", held.join(", ")));
+        }
     }
+}
+
+/// The instants of a window.
+pub fn instants([from, to]: [f64; 2]) -> RangeInclusive<f64> {
+    from - ROUNDING..=to + ROUNDING
 }
 
 /// Checks that a file with `what` covers the window.
@@ -70,37 +88,67 @@ pub fn covers(file: &SourceFile, what: &str, [first, last]: [f64; 2], [from, to]
         return Ok(());
     }
     let name = file.path.display();
-    let message = format!("{name}: {what} are known from {first} to {last} s, the motion goes from {from} to {to} s");
-    let help = format!("choose instants that both have: --window {} {}", from.max(first), to.min(last));
+    let message = format!("{name}: {what} are known from {first} to {last} s, but needed from {from} to {to} s");
+    let [low, high] = [from.max(first), to.min(last)];
+    let help = if low < high {
+        format!("choose instants that both have: --window {low} {high}")
+    } else {
+        "the two have no instants in common: check their columns of time".to_owned()
+    };
     Err(file.error(None, message, "", Some(help)))
 }
 
 /// The window that was asked for, or the whole motion.
-fn window(arguments: &MovementArguments, file: &SourceFile, table: &MotionTable) -> Result<[f64; 2]> {
+pub fn window(arguments: &MovementArguments, file: &SourceFile, table: &MotionTable) -> Result<[f64; 2]> {
+    check_cutoff(file, &table.time, arguments.smoothing)?;
     let whole = [table.start(), table.start() + table.duration()];
     let Some(asked) = arguments.window.as_deref() else { return Ok(whole) };
     let [from, to] = [asked[0], asked[1]];
-    let is_inside = whole[0] - ROUNDING <= from && from < to && to <= whole[1] + ROUNDING;
-    if !is_inside {
-        let message = format!("{}: the window {from} to {to} s is not within the motion", file.path.display());
+    let name = file.path.display();
+    let refused = |message: String| {
         let help = format!("the motion goes from {} to {} s", whole[0], whole[1]);
-        return Err(file.error(None, message, "", Some(help)));
+        Err(file.error(None, message, "", Some(help)))
+    };
+    if from >= to {
+        return refused(format!("--window {from} {to}: the window must end after it begins"));
+    }
+    if from < whole[0] - ROUNDING || to > whole[1] + ROUNDING {
+        return refused(format!("{name}: the window {from} to {to} s is not within the motion"));
+    }
+    if !table.time.iter().any(|t| instants([from, to]).contains(t)) {
+        return refused(format!("{name}: the motion has no instant from {from} to {to} s"));
     }
     Ok([from, to])
 }
 
-/// Loads from OpenSim's `.xml`, or our own `.toml`.
-fn read_loads(path: &Path, skeleton: &Skeleton, smoothing_hz: f64) -> Result<ExternalLoads> {
+/// Loads from OpenSim's `.xml`, or our own `.toml`; and the table with their columns.
+fn read_loads(path: &Path, skeleton: &Skeleton, smoothing_hz: f64) -> Result<(ExternalLoads, SourceFile)> {
     let file = SourceFile::read(path)?;
-    let is_xml = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("xml"));
-    let (entries, table) = if is_xml {
-        opensim::external_loads::external_loads(&file)?
-    } else {
-        let loads: LoadsFile = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
-        let mut starts = file.text.match_indices("[[external_load]]").map(|(at, text)| at..at + text.len());
-        let placed = |entry: LoadEntry| (entry, starts.next());
-        (loads.external_load.into_iter().map(placed).collect(), loads.table)
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let (entries, (name, place)) = match ending.as_str() {
+        "xml" => {
+            let loads = opensim::external_loads::external_loads(&file)?;
+            if !loads.off.is_empty() {
+                note(&format!("note: turned off in {}: {}", path.display(), loads.off.join(", ")));
+            }
+            (loads.entries, loads.table)
+        }
+        "toml" => {
+            let loads: LoadsFile = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
+            let entries = loads.external_load.into_iter().map(|entry| (entry.get_ref().clone(), entry.span()));
+            (entries.collect(), (loads.table.get_ref().clone(), loads.table.span()))
+        }
+        _ => {
+            let message = format!("{}: loads are an ExternalLoads file (.xml) or a .toml", path.display());
+            let help = "a table of forces is named in such a file, which says what acts where: see --help".to_owned();
+            return Err(file.error(None, message, "", Some(help)));
+        }
     };
-    let table = SourceFile::read(&path.parent().unwrap_or(Path::new(".")).join(table))?;
-    ExternalLoads::new(&file, &entries, &table, skeleton, smoothing_hz)
+    let beside = path.parent().unwrap_or(Path::new(".")).join(&name);
+    if !beside.exists() {
+        let help = format!("the path is relative to {}", path.display());
+        return Err(file.error(Some(place), format!("there is no file {}", beside.display()), "here", Some(help)));
+    }
+    let table = SourceFile::read(&beside)?;
+    Ok((ExternalLoads::new(&file, &entries, &table, skeleton, smoothing_hz)?, table))
 }

@@ -2,7 +2,6 @@
 
 pub mod dynamic;
 pub mod inverse_dynamics;
-pub mod joint_loads;
 pub mod prediction;
 
 use crate::model::{Joint, Model};

@@ -1,30 +1,32 @@
 //! External loads: forces and moments on bodies over time, such as ground reactions, from a table.
 //!
-//! A force with its point in the ground's frame is interpolated as a wrench about the ground's origin, not as a point:
-//! a centre of pressure is arbitrary where the force is nearly zero, and a curve through it far away would move the force
-//! beside it. In the frame of a body points stay near it, and force and point are interpolated as they are.
+//! A force and its point, both in the ground's frame, are interpolated as a wrench about the ground's origin: a centre of
+//! pressure is arbitrary where the force is nearly zero, and a curve through it far away would move the force beside it. In
+//! the frame of a body points stay near it, and force and point are interpolated as they are.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
-use super::columns::{Columns, Curve, at};
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::columns::{Columns, Curve, vector_at};
 use crate::error::{Result, SourceFile, nearest};
 use crate::skeleton::Skeleton;
 use crate::skeleton::file::GROUND;
 use crate::skeleton::frame::{Frame, Vector, cross};
 
 /// A file of external loads.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LoadsFile {
     /// The table with the columns, .csv, .sto or .mot, relative to this file.
-    pub table: String,
+    pub table: Spanned<String>,
     /// The loads.
-    pub external_load: Vec<LoadEntry>,
+    pub external_load: Vec<Spanned<LoadEntry>>,
 }
 
 /// A force on a body, and the columns that hold it: `<prefix>x`, `<prefix>y`, `<prefix>z`.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LoadEntry {
     /// Name of the load.
@@ -92,16 +94,18 @@ impl ExternalLoad {
     /// The load at time `t` (s), the bodies having these frames.
     pub fn at(&self, t: f64, frames: &[Frame<f64>]) -> LoadAt {
         match &self.course {
-            Course::Wrench { moment, force } => LoadAt { point: [0.0; 3], force: at(force, t), moment: at(moment, t) },
+            Course::Wrench { moment, force } => {
+                LoadAt { point: [0.0; 3], force: vector_at(force, t), moment: vector_at(moment, t) }
+            }
             Course::Apart { axes, force, moment, frame, point } => {
                 let turned = |curve: &Option<Curve>| {
-                    let x = curve.as_ref().map_or([0.0; 3], |curve| at(curve, t));
+                    let x = curve.as_ref().map_or([0.0; 3], |curve| vector_at(curve, t));
                     axes.map_or(x, |body| Frame { origin: [0.0; 3], ..frames[body] }.point(&x))
                 };
                 let point = match (point, frame) {
                     (None, _) => frames[self.body].origin,
-                    (Some(point), None) => at(point, t),
-                    (Some(point), Some(body)) => frames[*body].point(&at(point, t)),
+                    (Some(point), None) => vector_at(point, t),
+                    (Some(point), Some(body)) => frames[*body].point(&vector_at(point, t)),
                 };
                 LoadAt { point, force: turned(force), moment: turned(moment) }
             }
@@ -110,14 +114,14 @@ impl ExternalLoad {
 }
 
 impl ExternalLoads {
-    /// Puts loads together: `entries` of a file, each with the bytes where it stands there; `table`: that with the
-    /// columns; `smoothing_hz`: cut-off of the low-pass on forces, moments and points, 0 for none.
+    /// Puts loads together: `entries` of a file, each with the bytes where it stands; `table`: that with the columns;
+    /// `smoothing_hz`: cut-off of the low-pass on forces, moments and points, 0 for none.
     ///
     /// # Errors
     /// If a body or a column is missing, or a number is not finite.
     pub fn new(
         source: &SourceFile,
-        entries: &[(LoadEntry, Option<std::ops::Range<usize>>)],
+        entries: &[(LoadEntry, Range<usize>)],
         table: &SourceFile,
         skeleton: &Skeleton,
         smoothing_hz: f64,
@@ -132,18 +136,18 @@ impl ExternalLoads {
                         nearest(name, names.clone()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
                     let help = format!("{near}the bodies are: {}", names.collect::<Vec<_>>().join(", "));
                     let message = format!("the load `{}` names `{name}`, which is no body of the model", entry.name);
-                    source.error(place.clone(), message, "here", Some(help))
+                    source.error(Some(place.clone()), message, "here", Some(help))
                 })
             };
             let Some(on) = body(&entry.body)? else {
                 let help = "name the body that the force acts on".to_owned();
                 let message = format!("the load `{}` acts on the ground", entry.name);
-                return Err(source.error(place.clone(), message, "here", Some(help)));
+                return Err(source.error(Some(place.clone()), message, "here", Some(help)));
             };
             if entry.force.is_none() && entry.moment.is_none() {
                 let help = "name the columns of a force or a moment".to_owned();
                 let message = format!("the load `{}` has neither a force nor a moment", entry.name);
-                return Err(source.error(place.clone(), message, "here", Some(help)));
+                return Err(source.error(Some(place.clone()), message, "here", Some(help)));
             }
             let course = course(&columns, entry, body(&entry.force_in)?, body(&entry.point_in)?)?;
             Ok(ExternalLoad { name: entry.name.clone(), body: on, course })
@@ -154,8 +158,12 @@ impl ExternalLoads {
 }
 
 fn course(columns: &Columns<'_>, entry: &LoadEntry, axes: Option<usize>, frame: Option<usize>) -> Result<Course> {
-    let (force, point) = (columns.vectors(&entry.force)?, columns.vectors(&entry.point)?);
-    let moment = columns.vectors(&entry.moment)?;
+    let user = format!("the load `{}`", entry.name);
+    let vectors = |prefix: &Option<String>| columns.vectors(prefix, &user, &|_| true);
+    let (force, moment) = (vectors(&entry.force)?, vectors(&entry.moment)?);
+    // Where there is no force its point does not matter, and force plates leave it out.
+    let pushes = |k: usize| force.as_ref().is_some_and(|force| force[k] != [0.0; 3]);
+    let point = columns.vectors(&entry.point, &user, &pushes)?;
     if let (None, None, Some(force), Some(point)) = (axes, frame, &force, &point) {
         let about_origin = |i: usize| {
             let own = moment.as_ref().map_or([0.0; 3], |moment| moment[i]);

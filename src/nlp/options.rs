@@ -1,6 +1,5 @@
 //! Every number of the solver, by ingredient. None depends on the application: quantities are of the scaled problem,
-//! and "error" is the largest of its three KKT residuals. The README shows what each
-//! ingredient is worth.
+//! and "error" is the largest of its three KKT residuals. The README shows what each ingredient is worth.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,11 +1,20 @@
 //! OpenSim's ExternalLoads files.
 
+use std::ops::Range;
+
 use super::document::{Element, parse};
 use crate::error::{Result, SourceFile};
 use crate::motion::external_loads::LoadEntry;
 
-/// The loads of a file, each with the bytes where it stands, and the name of their data file.
-pub type Loads = (Vec<(LoadEntry, Option<std::ops::Range<usize>>)>, String);
+/// The external loads of a file.
+pub struct Loads {
+    /// Each with the bytes where it stands.
+    pub entries: Vec<(LoadEntry, Range<usize>)>,
+    /// The name of the data file, and where it stands.
+    pub table: (String, Range<usize>),
+    /// Names of loads that the file turns off.
+    pub off: Vec<String>,
+}
 
 /// Reads an ExternalLoads file.
 ///
@@ -20,22 +29,31 @@ pub fn external_loads(file: &SourceFile) -> Result<Loads> {
     };
     let forces = set.objects(&["objects"]);
     let forces = if forces.is_empty() { set.children().collect() } else { forces };
-    let mut loads = Vec::new();
-    let mut tables: Vec<&str> = set.text("datafile").into_iter().filter(|name| *name != "Unassigned").collect();
+    let (mut entries, mut off) = (Vec::new(), Vec::new());
+    let named = |element: Option<Element<'_>>| {
+        let element = element?;
+        let name = element.own_text().filter(|name| *name != "Unassigned")?;
+        // Written on Windows, perhaps.
+        Some((name.replace('\\', "/"), element.node.range()))
+    };
+    let mut tables: Vec<(String, Range<usize>)> = named(set.child("datafile")).into_iter().collect();
     let is_common = !tables.is_empty();
     for force in forces.into_iter().filter(|force| force.tag() == "ExternalForce") {
-        if !force.flag("isDisabled", false) && force.flag("appliesForce", true) {
-            loads.push((entry(force)?, Some(force.node.range())));
-            tables.extend(force.text("data_source_name").filter(|name| !is_common && *name != "Unassigned"));
+        if force.flag("isDisabled", false) || !force.flag("appliesForce", true) {
+            off.push(force.name().to_owned());
+            continue;
         }
+        entries.push((entry(force)?, force.node.range()));
+        tables.extend(named(force.child("data_source_name")).filter(|_| !is_common));
     }
-    tables.dedup();
-    match tables[..] {
-        [table] => Ok((loads, table.to_owned())),
+    tables.dedup_by(|a, b| a.0 == b.0);
+    match &tables[..] {
+        [table] => Ok(Loads { entries, table: table.clone(), off }),
         [] => Err(set.error("no data file is named", "add <datafile>forces.mot</datafile>")),
         _ => {
             let help = "put the columns of all forces into one file and name it in <datafile>";
-            Err(set.error(format!("several data files are named: {}", tables.join(", ")), help))
+            let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
+            Err(set.error(format!("several data files are named: {}", names.join(", ")), help))
         }
     }
 }

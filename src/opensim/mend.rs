@@ -72,14 +72,12 @@ fn make_unique<'f>(kind: &str, names: impl Iterator<Item = &'f mut String>, note
 /// its inertia matrix indefinite.
 fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
     let who = format!("body {}", body.name);
-    if body.role == Role::Given {
-        // Its motion is given and does not depend on its mass.
-        if body.mass == 0.0 || !body.is_physical() {
-            (body.mass, body.inertia) = (0.0, [0.0; 6]);
-        }
+    let massless = body.mass == 0.0;
+    if massless && body.role == Role::Given {
+        // Its motion is given: it needs no mass.
+        body.inertia = [0.0; 6];
         return;
     }
-    let massless = body.mass == 0.0;
     if massless {
         body.mass = SMALL_MASS;
     }

@@ -73,7 +73,7 @@ impl LinkAxis {
 }
 
 impl Tree {
-    /// The links of a skeleton.
+    /// The links of a skeleton without [`Tree::unsupported`] coordinates.
     pub fn new(skeleton: &Skeleton) -> Self {
         let ground = (None, Frame::identity());
         let mut tree = Self {
@@ -98,6 +98,13 @@ impl Tree {
             }
         }
         tree
+    }
+
+    /// A coordinate of a joint on an ellipsoid that follows another one, which is not supported.
+    pub fn unsupported(skeleton: &Skeleton) -> Option<&str> {
+        let on_ellipsoids = skeleton.joints.iter().filter(|joint| matches!(joint.motion, Motion::Ellipsoid { .. }));
+        let mut coordinates = on_ellipsoids.flat_map(|j| j.motion.coordinates()).map(|c| &skeleton.coordinates[c]);
+        coordinates.find(|coordinate| coordinate.follows.is_some()).map(|coordinate| coordinate.name.as_str())
     }
 
     fn add(&mut self, parent: Option<usize>, before: Frame<f64>, axis: LinkAxis, drive: Drive) -> usize {

@@ -11,7 +11,7 @@
 
 use nalgebra::Vector3;
 
-use super::inverse_dynamics::{Instant, Movement};
+use super::spatial::{Movement, Snapshot};
 use crate::model::tree::screw::{MassProperties, Screw, angular, cross_wrench, linear, screw};
 use crate::numerics::cubic::CubicSpline;
 use crate::skeleton::frame::{Frame, Vector, minus, unit};
@@ -32,7 +32,7 @@ pub struct JointLoad {
 }
 
 /// The load of each joint at an instant.
-pub fn joint_loads(movement: &Movement<'_>, now: &Instant, muscles: &MuscleForces) -> Vec<JointLoad> {
+pub fn joint_loads(movement: &Movement<'_>, now: &Snapshot, muscles: &MuscleForces) -> Vec<JointLoad> {
     let skeleton = movement.skeleton;
     let mut carried = inertial_wrenches(movement, now);
     for (muscle, spline) in &muscles.forces {
@@ -63,7 +63,7 @@ pub fn joint_loads(movement: &Movement<'_>, now: &Instant, muscles: &MuscleForce
 }
 
 /// What each body needs for its motion beside gravity and external loads, about the ground's origin.
-fn inertial_wrenches(movement: &Movement<'_>, now: &Instant) -> Vec<Screw> {
+fn inertial_wrenches(movement: &Movement<'_>, now: &Snapshot) -> Vec<Screw> {
     let skeleton = movement.skeleton;
     let twists = now.dynamics(&movement.tree).twists();
     let [gx, gy, gz] = skeleton.gravity;
@@ -75,10 +75,9 @@ fn inertial_wrenches(movement: &Movement<'_>, now: &Instant) -> Vec<Screw> {
         inertia * a + cross_wrench(&v, &(inertia * v))
     });
     let mut wrenches: Vec<Screw> = inertial.collect();
-    for load in movement.loads.iter().flat_map(|loads| &loads.loads) {
-        let at = load.at(now.time, &now.frames);
+    for (at, body) in &now.loads {
         let force = Vector3::from(at.force);
-        wrenches[load.body] -= screw(Vector3::from(at.point).cross(&force) + Vector3::from(at.moment), force);
+        wrenches[*body] -= screw(Vector3::from(at.point).cross(&force) + Vector3::from(at.moment), force);
     }
     wrenches
 }

@@ -1,0 +1,27 @@
+//! Inverse dynamics without muscles: the net moment or force of each joint coordinate over a measured motion; and what
+//! joints carry where the muscle forces are known.
+
+pub mod joint_loads;
+pub mod planar;
+pub mod spatial;
+
+use crate::motion::{MotionTable, low_pass};
+use crate::numerics::cubic::{CubicSpline, Ends};
+
+/// Net moment (N m) or force (N) of a joint coordinate over time.
+#[derive(Clone, Debug)]
+pub struct NetForce {
+    /// The coordinate, and whether it is an angle.
+    pub coordinate: String,
+    pub is_angle: bool,
+    /// Whether it is a residual of a floating base.
+    pub is_residual: bool,
+    /// One for each instant.
+    pub values: Vec<f64>,
+}
+
+/// A spline through values at a motion's instants, low-passed at `smoothing_hz` (0: not).
+fn spline(table: &MotionTable, values: &[f64], smoothing_hz: f64) -> CubicSpline {
+    let smooth = low_pass(&table.time, values, smoothing_hz);
+    CubicSpline::new(&table.time.iter().copied().zip(smooth).collect::<Vec<_>>(), Ends::Natural)
+}
