@@ -1,14 +1,10 @@
 //! `sinew inverse-dynamics`: net moments and forces of the joint coordinates over a motion.
 
 use super::arguments::MovementArguments;
-use super::layout::wrapped;
-use super::movement::{Files, instants, window};
-use super::output::{csv, write_table};
-use super::{GOOD, print};
+use super::movement::{Files, deliver, instants, window};
 use crate::error::{Result, SourceFile};
 use crate::methods::inverse_dynamics::{NetForce, planar, spatial};
 use crate::motion::MotionTable;
-use crate::names::counted;
 use crate::study::{is_spatial, load_model};
 use crate::tables::{Table, Values};
 use crate::terminal::note;
@@ -64,11 +60,6 @@ fn written(
         (format!("{}_{unit}", own.coordinate), numbers(&own.values))
     }));
     let table = Table { name: "inverse_dynamics", columns };
-    let Some(path) = &arguments.out else {
-        print(csv(&table)?.trim_end());
-        return Ok(GOOD);
-    };
-    write_table(&table, vec![("sinew.model".to_owned(), model.to_owned())], path)?;
     let residual = |own: &NetForce| {
         let peak = own.values.iter().fold(0.0f64, |peak, value| peak.max(value.abs()));
         format!("{} {peak:.1} {}", own.coordinate, if own.is_angle { "N m" } else { "N" })
@@ -77,7 +68,5 @@ fn written(
     if !residuals.is_empty() {
         lines.push(format!("residuals of the floating base up to: {}", residuals.join(", ")));
     }
-    lines.iter().for_each(|line| print(&wrapped(line, "    ")));
-    print(&format!("{}: {}", counted(time.len(), "instant"), path.display()));
-    Ok(GOOD)
+    deliver(&table, model, arguments.out.as_deref(), &lines, time.len())
 }

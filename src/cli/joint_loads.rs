@@ -3,10 +3,7 @@
 use std::path::Path;
 
 use super::arguments::MovementArguments;
-use super::layout::wrapped;
-use super::movement::{Files, covers};
-use super::output::{csv, write_table};
-use super::{GOOD, print};
+use super::movement::{Files, covers, deliver};
 use crate::error::{Result, SourceFile};
 use crate::methods::inverse_dynamics::joint_loads::{JointLoad, MuscleForces, joint_loads};
 use crate::methods::inverse_dynamics::spatial::weight;
@@ -42,15 +39,8 @@ pub fn run(arguments: &MovementArguments, forces: &Path) -> Result<u8> {
         }
     }
     let table = rows.table(&files);
-    match &arguments.out {
-        None => print(csv(&table)?.trim_end()),
-        Some(path) => {
-            write_table(&table, vec![("sinew.model".to_owned(), files.skeleton.name.clone())], path)?;
-            rows.peaks(&files).iter().for_each(|line| print(&wrapped(line, "    ")));
-            print(&format!("{}: {}", counted(movement.time.len(), "instant"), path.display()));
-        }
-    }
-    Ok(GOOD)
+    let (out, model) = (arguments.out.as_deref(), &files.skeleton.name);
+    deliver(&table, model, out, &rows.peaks(&files), movement.time.len())
 }
 
 /// The weld of the ground to itself carries nothing.

@@ -4,15 +4,20 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 
 use super::arguments::MovementArguments;
+use super::layout::wrapped;
+use super::output::{csv, write_table};
+use super::{GOOD, print};
 use crate::error::{Result, SourceFile};
 use crate::methods::inverse_dynamics::spatial::Movement;
 use crate::model::tree::Tree;
 use crate::motion::MotionTable;
 use crate::motion::columns::check_cutoff;
 use crate::motion::external_loads::{ExternalLoads, LoadsFile};
+use crate::names::counted;
 use crate::opensim;
 use crate::skeleton::Skeleton;
 use crate::study::{is_spatial, load_skeleton};
+use crate::tables::Table;
 use crate::terminal::note;
 
 /// Instants may be off a window's ends by so much, s.
@@ -75,6 +80,18 @@ impl Files {
             note(&format!("note: these point constraints carry no force here: {}", held.join(", ")));
         }
     }
+}
+
+/// Prints a table, or writes it and prints `lines` and the number of instants.
+pub fn deliver(table: &Table, model: &str, out: Option<&Path>, lines: &[String], instants: usize) -> Result<u8> {
+    let Some(path) = out else {
+        print(csv(table)?.trim_end());
+        return Ok(GOOD);
+    };
+    write_table(table, vec![("sinew.model".to_owned(), model.to_owned())], path)?;
+    lines.iter().for_each(|line| print(&wrapped(line, "    ")));
+    print(&format!("{}: {}", counted(instants, "instant"), path.display()));
+    Ok(GOOD)
 }
 
 /// The instants of a window.

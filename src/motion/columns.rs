@@ -1,9 +1,9 @@
 //! Columns of numbers over time, by name, from a table.
 
-use super::sampling::{HIGHEST_CUTOFF, low_pass};
+use super::sampling::{HIGHEST_CUTOFF, smooth_spline};
 use super::text::{Row, TextTable, at_line};
 use crate::error::{Result, SourceFile, nearest};
-use crate::numerics::cubic::{CubicSpline, Ends};
+use crate::numerics::cubic::CubicSpline;
 use crate::skeleton::frame::Vector;
 
 /// Splines of a vector's components.
@@ -95,8 +95,7 @@ impl<'f> Columns<'f> {
 
     /// A spline through numbers at the instants.
     pub fn spline(&self, values: &[f64]) -> CubicSpline {
-        let smooth = low_pass(&self.time, values, self.smoothing_hz);
-        CubicSpline::new(&self.time.iter().copied().zip(smooth).collect::<Vec<_>>(), Ends::Natural)
+        smooth_spline(&self.time, values, self.smoothing_hz)
     }
 }
 

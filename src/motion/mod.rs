@@ -8,6 +8,6 @@ pub mod surroundings;
 pub mod table;
 pub mod text;
 
-pub use sampling::{HIGHEST_CUTOFF, Measurement, MeasurementError, MotionSettings, low_pass};
+pub use sampling::{HIGHEST_CUTOFF, Measurement, MeasurementError, MotionSettings, low_pass, smooth_spline};
 pub use surroundings::Surroundings;
 pub use table::MotionTable;

@@ -120,9 +120,7 @@ impl MotionSettings {
 
     /// A spline through the smoothed values of a column.
     fn spline(&self, table: &MotionTable, values: &[f64]) -> CubicSpline {
-        let smooth = low_pass(&table.time, values, self.smoothing_hz);
-        let points: Vec<(f64, f64)> = table.time.iter().copied().zip(smooth).collect();
-        CubicSpline::new(&points, Ends::Natural)
+        smooth_spline(&table.time, values, self.smoothing_hz)
     }
 
     /// Samples the motion at the measured instants that belong to `points` collocation points.
@@ -245,6 +243,12 @@ impl MotionSettings {
         let motion = (!spatial.given.is_empty()).then(|| Arc::new(self.joint_motion(table, spatial)));
         Surroundings::new(loads, motion)
     }
+}
+
+/// A natural spline through `values` at `time` (s) after [`low_pass`].
+pub fn smooth_spline(time: &[f64], values: &[f64], cutoff_hz: f64) -> CubicSpline {
+    let smooth = low_pass(time, values, cutoff_hz);
+    CubicSpline::new(&time.iter().copied().zip(smooth).collect::<Vec<_>>(), Ends::Natural)
 }
 
 /// The highest cut-off frequency of [`low_pass`], as a fraction of the sampling rate.

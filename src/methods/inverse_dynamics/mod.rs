@@ -5,9 +5,6 @@ pub mod joint_loads;
 pub mod planar;
 pub mod spatial;
 
-use crate::motion::{MotionTable, low_pass};
-use crate::numerics::cubic::{CubicSpline, Ends};
-
 /// Net moment (N m) or force (N) of a joint coordinate over time.
 #[derive(Clone, Debug)]
 pub struct NetForce {
@@ -18,10 +15,4 @@ pub struct NetForce {
     pub is_residual: bool,
     /// One for each instant.
     pub values: Vec<f64>,
-}
-
-/// A spline through values at a motion's instants, low-passed at `smoothing_hz` (0: not).
-fn spline(table: &MotionTable, values: &[f64], smoothing_hz: f64) -> CubicSpline {
-    let smooth = low_pass(&table.time, values, smoothing_hz);
-    CubicSpline::new(&table.time.iter().copied().zip(smooth).collect::<Vec<_>>(), Ends::Natural)
 }

@@ -2,11 +2,11 @@
 
 use nalgebra::DVector;
 
-use super::{NetForce, spline};
+use super::NetForce;
 use crate::model::Mechanics;
 use crate::model::mechanics::Motion;
 use crate::model::planar::Planar;
-use crate::motion::MotionTable;
+use crate::motion::{MotionTable, smooth_spline};
 use crate::numerics::cubic::CubicSpline;
 
 /// The net forces at the instants `time` (s) of a motion, its coordinates low-passed at `smoothing_hz` (0: not).
@@ -24,7 +24,7 @@ pub fn net_forces(
     }
     let columns = planar.coordinates_of_joints().map(|(_, name)| {
         let values = table.column(name).ok_or_else(|| format!("the motion has no column for `{name}`"))?;
-        Ok(spline(table, values, smoothing_hz))
+        Ok(smooth_spline(&table.time, values, smoothing_hz))
     });
     let columns = columns.collect::<Result<Vec<CubicSpline>, String>>()?;
     let mut poses: Vec<Vec<f64>> = Vec::with_capacity(table.time.len());
@@ -34,7 +34,7 @@ pub fn net_forces(
         poses.push(pose.map_err(|open| format!("at {t} s these joints stay open: {}", open.joints.join(", ")))?);
     }
     let of_bodies: Vec<CubicSpline> = (0..planar.coordinates())
-        .map(|i| spline(table, &poses.iter().map(|q| q[i]).collect::<Vec<f64>>(), 0.0))
+        .map(|i| smooth_spline(&table.time, &poses.iter().map(|q| q[i]).collect::<Vec<f64>>(), 0.0))
         .collect();
     let mut found: Vec<NetForce> = (planar.coordinates_of_joints())
         .map(|(joint, name)| NetForce {

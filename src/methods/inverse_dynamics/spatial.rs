@@ -2,11 +2,11 @@
 
 use std::ops::RangeInclusive;
 
-use super::{NetForce, spline};
+use super::NetForce;
 use crate::model::tree::Tree;
 use crate::model::tree::dynamics::{Dynamics, Load, Point, State};
-use crate::motion::MotionTable;
 use crate::motion::external_loads::{ExternalLoads, LoadAt};
+use crate::motion::{MotionTable, smooth_spline};
 use crate::numerics::cubic::CubicSpline;
 use crate::skeleton::frame::{Frame, dot, norm};
 use crate::skeleton::{Coordinate, Skeleton};
@@ -47,11 +47,12 @@ impl<'m> Movement<'m> {
     ) -> Self {
         let of = |coordinate: &Coordinate| {
             let values = table.column(&coordinate.name).filter(|_| !coordinate.locked)?;
-            Some(spline(table, values, smoothing_hz))
+            Some(smooth_spline(&table.time, values, smoothing_hz))
         };
         let splines = skeleton.coordinates.iter().map(of).collect();
         let time = table.time.iter().copied().filter(|t| window.contains(t)).collect();
-        let components = |values: &[Vec<f64>; 3]| values.each_ref().map(|values| spline(table, values, 0.0));
+        let components =
+            |values: &[Vec<f64>; 3]| values.each_ref().map(|values| smooth_spline(&table.time, values, 0.0));
         let forces = skeleton.forces.iter().map(|force| table.force(&force.name).map(components)).collect();
         Self { skeleton, tree: Tree::new(skeleton), loads, time, splines, forces }
     }
