@@ -195,7 +195,7 @@ pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> O
     Some(right)
 }
 
-/// All body coordinates, those of given motion last.
+/// All coordinates, those of given motion last.
 fn all_coordinates(inverse: &InverseProblem<'_>, t: f64, q: &[f64]) -> Vec<f64> {
     let mut all = inverse.motion.all.of(&inverse.control.given_at(t)).to_vec();
     all[..q.len()].copy_from_slice(q);
@@ -229,7 +229,7 @@ fn distribute_load(
     let mut z = inverse.control.given_at(t);
     z[motion.q.range()].copy_from_slice(q);
     z[motion.accelerations.range()].copy_from_slice(acceleration);
-    if let (Some(rates), Some(_)) = (motion.rates, motion.velocity) {
+    if let Some(rates) = motion.rates {
         z[rates.range()][..nq].copy_from_slice(velocity);
     }
     let all = motion.all.of(&z);
@@ -259,9 +259,9 @@ fn distribute_load(
     (0..nq).for_each(|i| columns.push((i, nm + nc + i, 1.0)));
     let first = nm + nc + nq;
     for (k, actuator) in inverse.actuators.iter().enumerate() {
-        let gradient = actuator.joint.coordinate_value(all).gradient;
-        let slots = actuator.joint.slots().into_iter().zip(gradient);
-        columns.extend(slots.filter_map(|(slot, g)| Some((slot?, first + k, -actuator.moment / weight * g))));
+        let slopes = actuator.coordinate.slopes(all);
+        let slots = slopes.slots.into_iter().zip(slopes.gradient);
+        columns.extend(slots.map(|(slot, g)| (slot, first + k, -actuator.moment / weight * g)));
     }
     let n = first + inverse.actuators.len();
     let equalities = Sparse::from_triplets(nq, n, &columns);

@@ -25,22 +25,20 @@ pub mod model {
     pub mod file {
         pub use crate::model::file::ModelFile;
     }
+    pub mod mechanics {
+        pub use crate::model::mechanics::{Level, Motion};
+    }
     pub mod path {
         pub use crate::model::path::Path;
     }
     pub mod tree {
         pub use crate::model::tree::Tree;
         pub mod dynamics {
-            pub use crate::model::tree::dynamics::{Dynamics, Level, Load, Point, State};
+            pub use crate::model::tree::dynamics::{Dynamics, LEVELS, Level, Load, Point, State};
         }
     }
     pub mod spatial {
-        pub mod euler {
-            pub use crate::model::spatial::euler::{rotate, slopes};
-        }
-        pub mod joint {
-            pub use crate::model::spatial::joint::PER_BODY;
-        }
+        pub use crate::model::spatial::Spatial;
     }
 }
 pub mod motion {

@@ -42,7 +42,7 @@ fn declare<'m>(
     surroundings: &Arc<Surroundings>,
 ) -> (MotionVariables, MuscleVariables) {
     let first_order = scheme == Scheme::Radau;
-    let (names, constraints) = (model.mechanics.body_coordinate_names(), model.constraint_names());
+    let (names, constraints) = (model.mechanics.coordinate_names(), model.mechanics.reaction_names());
     let (nq, nc, nm) = (names.len(), constraints.len(), model.muscles.len());
     let muscles = || model.muscles.iter().map(|muscle| muscle.name.clone()).collect::<Vec<_>>();
     let state = |order| Kind::State { order };
@@ -56,17 +56,20 @@ fn declare<'m>(
     let (bodies, forces) = (surroundings.clone(), surroundings.clone());
     let given_names = model.mechanics.given_coordinate_names();
     let given = problem.given("given_coordinate", given_names, move |t| bodies.given(t));
-    let loads = move |t| (forces.loads(t).concat(), Vec::new());
+    let loads = move |t| [forces.loads(t).concat(), Vec::new(), Vec::new()];
     let load = problem.given("load", model.mechanics.load_names(), loads);
 
     let q = problem.read(coordinate, 0);
     let all = q.and(problem.read(given, 0));
     let accelerations = problem.read(velocity.unwrap_or(coordinate), if first_order { 1 } else { 2 });
+    let all_accelerations = accelerations.and(problem.read(given, 2));
     let [a, l] = [activation, fibre_length].map(|quantity| problem.read(quantity, 0));
     let [l_rate, a_rate] = [fibre_length, activation].map(|quantity| problem.read(quantity, 1));
     let (u, reactions) = (problem.read(excitation, 0), problem.read(reaction, 0));
-    // Without a velocity of their own, only bodies in space have one in eq. (1).
-    let of_bodies = velocity.map(|velocity| (velocity, 0)).or(model.spatial().map(|_| (coordinate, 1)));
+    let of_bodies = match velocity {
+        Some(velocity) => Some((velocity, 0)),
+        None => model.mechanics.has_velocity_terms().then_some((coordinate, 1)),
+    };
     let rates = of_bodies.map(|(quantity, level)| problem.read(quantity, level).and(problem.read(given, 1)));
     let stabilising = stabiliser.map(|eta| (problem.read(coordinate, 1), problem.read(eta, 0)));
     let loads = problem.read(load, 0);
@@ -89,6 +92,7 @@ fn declare<'m>(
         all,
         rates,
         accelerations,
+        all_accelerations,
         reactions,
         loads,
         equation,
@@ -119,7 +123,7 @@ fn add_motion<'m>(problem: &mut Builder<'m>, model: &'m Model, motion: &MotionVa
         weight: model.weight(),
         coordinates,
         velocities: motion.rates,
-        accelerations: motion.accelerations,
+        accelerations: motion.all_accelerations,
         loads: motion.loads,
         rows: motion.equation,
     });
@@ -177,12 +181,12 @@ fn add_actuators<'m>(
     motion: &MotionVariables,
     settings: &Settings,
 ) -> Vec<Drive<'m>> {
-    let Some(planar) = model.planar() else { return Vec::new() };
+    let coordinates = model.mechanics.driven_coordinates();
     let own = model.actuators.iter().map(|a| (a.coordinate.as_str(), a.name.clone(), a.optimal_force, a.control, 1.0));
     let free = [f64::NEG_INFINITY, f64::INFINITY];
-    let reserves = (planar.coordinates_of_joints())
+    let reserves = (coordinates.iter().map(|coordinate| coordinate.name))
         // No name of the model has a point.
-        .map(|(_, name)| (name, format!("reserve.{name}"), settings.reserve(name), free, settings.reserve_weight))
+        .map(|name| (name, format!("reserve.{name}"), settings.reserve(name), free, settings.reserve_weight))
         .filter(|(_, _, moment, ..)| *moment > 0.0);
     let all: Vec<_> = own.chain(reserves).collect();
     if all.is_empty() {
@@ -194,12 +198,11 @@ fn add_actuators<'m>(
     let weight = model.weight();
     let mut drives = Vec::new();
     for (member, (coordinate, name, moment, bounds, cost)) in all.into_iter().enumerate() {
-        let mut joints = planar.coordinates_of_joints().enumerate();
-        let found = joints.find_map(|(k, (joint, known))| (known == coordinate).then_some((k, joint)));
-        let (coordinate, joint) = found.expect("checked with the model");
+        let number = coordinates.iter().position(|known| known.name == coordinate).expect("checked with the model");
+        let coordinate = coordinates[number];
         let control = controls.at(member);
         problem.block(Reserve {
-            joint,
+            coordinate,
             strength: moment / weight,
             coordinates: motion.all,
             control,
@@ -211,7 +214,7 @@ fn add_actuators<'m>(
             problem.limit(limit, &name, bounded, bound);
         }
         let is_reserve = member >= model.actuators.len();
-        drives.push(Drive { name, is_reserve, joint, coordinate, moment, bounds, weight: cost, quantity, control });
+        drives.push(Drive { name, is_reserve, coordinate, number, moment, bounds, weight: cost, quantity, control });
     }
     drives
 }
@@ -268,7 +271,7 @@ pub fn goals(
     settings: &Settings,
 ) -> Vec<Goal> {
     let model = inverse.model;
-    let weights: Vec<f64> = (0..model.mechanics.coordinates()).map(|i| model.mechanics.tracking_weight(i)).collect();
+    let weights = model.mechanics.tracking_weights();
     let mut all =
         vec![goals::tracking(inverse.motion.coordinate, &measurement.times, &measurement.coordinates, &weights)];
     if settings.mu > 0.0 {

@@ -4,7 +4,7 @@ pub mod dynamic;
 pub mod inverse_dynamics;
 pub mod prediction;
 
-use crate::model::{Joint, Model};
+use crate::model::{DrivenCoordinate, Model};
 use crate::nlp::polish::ACTIVE;
 use crate::problem::blocks::contraction::Contraction;
 use crate::problem::{ControlProblem, QuantityId, Span};
@@ -28,9 +28,9 @@ pub struct Drive<'m> {
     /// Of a reserve `reserve.` and that of its coordinate.
     pub name: String,
     pub is_reserve: bool,
-    /// The joint whose coordinate it drives, and the number of that coordinate.
-    pub joint: &'m Joint,
-    pub coordinate: usize,
+    /// The joint coordinate that it drives, and its number among all that may be driven.
+    pub coordinate: DrivenCoordinate<'m>,
+    pub number: usize,
     /// Moment (N m) or force (N) at a control of 1.
     pub moment: f64,
     /// Bounds on its control.
@@ -49,12 +49,14 @@ pub struct MotionVariables {
     /// A velocity of its own, in the first-order form.
     pub velocity: Option<QuantityId>,
     pub reaction: QuantityId,
-    /// q of the bodies that move by forces, and of all bodies.
+    /// q that moves by forces, and all of it, given coordinates last.
     pub q: Span,
     pub all: Span,
-    /// q̇ of all bodies, where the equations have it.
+    /// q̇ of all coordinates, where the equations have it.
     pub rates: Option<Span>,
     pub accelerations: Span,
+    /// With those of the given coordinates.
+    pub all_accelerations: Span,
     pub reactions: Span,
     /// Three components of each external force.
     pub loads: Span,

@@ -55,9 +55,8 @@ impl Planar {
         Err(CannotAssemble { gap, joints, slope })
     }
 
-    /// The motions (a column each, nq rows) in which one joint coordinate changes at a rate of 1 and all others stay. `None`
-    /// if joints that close a loop allow none.
-    pub fn coordinate_directions(&self, q: &[f64]) -> Option<DMatrix<f64>> {
+    /// See [`Mechanics::coordinate_directions`].
+    pub fn directions(&self, q: &[f64]) -> Option<DMatrix<f64>> {
         let count = self.coordinates_of_joints().count();
         let (_, jacobian) = self.conditions(q, Some(&vec![Some(0.0); count]));
         let constraints = self.constraints();

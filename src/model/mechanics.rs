@@ -2,9 +2,12 @@
 
 use std::any::Any;
 
+use nalgebra::DMatrix;
 use num_dual::Dual64;
 
-/// A body coordinate, its rate or its acceleration.
+use super::driven::DrivenCoordinate;
+
+/// A coordinate, its rate or its acceleration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     Coordinate,
@@ -12,7 +15,7 @@ pub enum Level {
     Acceleration,
 }
 
-/// The motion of all bodies at an instant; velocities may be empty for a planar mechanism, whose equations have none.
+/// The motion at an instant, given coordinates last; velocities may be empty for a mechanism whose equations have none.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion<'a> {
     pub q: &'a [f64],
@@ -20,32 +23,39 @@ pub struct Motion<'a> {
     pub acceleration: &'a [f64],
 }
 
-/// Receives a constraint function: its row, its coordinates (`usize::MAX` for the ground, nq and more for bodies whose
-/// motion is given), value, gradient and Hessian over those.
+/// Receives a constraint function: its row, its coordinates (`usize::MAX` for the ground, nq and more for given ones), value, gradient and Hessian over those.
 pub type EachConstraint<'e, T> = &'e mut dyn FnMut(usize, &[usize], T, &[T], &[T]);
 
-/// Bodies, joints and external forces, with the equations of their motion. Where `q` is asked for, it holds the coordinates
-/// of all bodies, those of given motion last.
+/// Bodies, joints and external forces, with the equations of their motion. Where `q` is asked for, it holds all
+/// coordinates, those of given motion last.
 pub trait Mechanics: std::fmt::Debug + Send + Sync {
     /// For code that knows one kind of mechanism only.
     fn as_any(&self) -> &dyn Any;
 
-    /// Names of the body coordinates that are unknowns, `upper_arm.x` and so on; nq of them.
-    fn body_coordinate_names(&self) -> Vec<String>;
+    /// Names of the coordinates that are unknowns, nq of them: `upper_arm.x` and so on of a planar mechanism.
+    fn coordinate_names(&self) -> Vec<String>;
 
-    /// Number of body coordinates nq that are unknowns.
+    /// Number nq of coordinates that are unknowns.
     fn coordinates(&self) -> usize;
 
-    /// Names of the coordinates of bodies whose motion is given.
+    /// Whether an unknown is an angle (rad) or a length (m).
+    fn is_angle(&self, coordinate: usize) -> bool;
+
+    /// Names of the coordinates whose motion is given.
     fn given_coordinate_names(&self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// Whether velocities are in the equations of motion.
+    fn has_velocity_terms(&self) -> bool {
+        false
     }
 
     /// Number of joint constraints nc.
     fn constraints(&self) -> usize;
 
-    /// Name of the reaction of each constraint, `joint.0` and so on; `None` for pᵀp = 1, which has no reaction.
-    fn reaction_names(&self) -> Vec<Option<String>>;
+    /// Name of the reaction of each constraint, `joint.0` and so on.
+    fn reaction_names(&self) -> Vec<String>;
 
     /// Names of the components of the external forces: three each; of a planar one the third is its moment.
     fn load_names(&self) -> Vec<String>;
@@ -55,6 +65,13 @@ pub trait Mechanics: std::fmt::Debug + Send + Sync {
 
     /// The joint coordinates by name, and whether each is an angle.
     fn joint_coordinates(&self) -> Vec<(&str, bool)>;
+
+    /// The joint coordinates that actuators may drive.
+    fn driven_coordinates(&self) -> Vec<DrivenCoordinate<'_>>;
+
+    /// The motions (a column each, nq rows) in which one of them changes at a rate of 1 and all others stay. `None` if joints
+    /// that close a loop allow none.
+    fn coordinate_directions(&self, q: &[f64]) -> Option<DMatrix<f64>>;
 
     /// What a study may change in a motion beside the joint coordinates, by name; angles.
     fn turns(&self) -> Vec<&str> {
@@ -74,9 +91,8 @@ pub trait Mechanics: std::fmt::Debug + Send + Sync {
         Vec::new()
     }
 
-    /// Values of the joint coordinates (rad, m), of a spatial model those that move by forces and its turns. `near`: values
-    /// before, from which those of a spatial model are found, and which are brought up to date.
-    fn joint_coordinate_values(&self, q: &[f64], near: &mut Vec<f64>) -> Vec<(&str, f64)>;
+    /// Values of the joint coordinates (rad, m), of a spatial model those that move by forces and its turns.
+    fn joint_coordinate_values(&self, q: &[f64]) -> Vec<(&str, f64)>;
 
     /// Total mass (kg) of the bodies that move by forces, and the size of gravity, m/s².
     fn mass_and_gravity(&self) -> (f64, f64);
@@ -84,12 +100,8 @@ pub trait Mechanics: std::fmt::Debug + Send + Sync {
     /// Numbers of bodies that move by forces, and of joints.
     fn bodies_and_joints(&self) -> (usize, usize);
 
-    /// Weight of a body coordinate in the tracking term: 1, but 2 for an Euler parameter, whose change is half the angle
-    /// turned.
-    fn tracking_weight(&self, coordinate: usize) -> f64;
-
-    /// Coordinates of a body, and how many of them are positions (m).
-    fn per_body(&self) -> (usize, usize);
+    /// Weights of the unknowns in the tracking term.
+    fn tracking_weights(&self) -> Vec<f64>;
 
     /// Hands each constraint function to `each`.
     fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>);

@@ -5,6 +5,7 @@
 
 pub mod assembly;
 pub mod body;
+mod driven;
 pub mod file;
 pub mod joint;
 pub mod mechanics;
@@ -16,7 +17,8 @@ pub mod straight;
 pub mod tree;
 
 pub use body::Place;
-pub use joint::{Joint, JointKind};
+pub use driven::DrivenCoordinate;
+pub use joint::JointKind;
 pub use mechanics::Mechanics;
 pub use musculotendon::Musculotendon;
 use std::sync::Arc;
@@ -37,12 +39,12 @@ pub struct Model {
 }
 
 impl Model {
-    /// The model of a skeleton. Muscles that move no body with equations are left out: they act on nothing.
+    /// The model of a skeleton. Muscles that move nothing are left out.
     pub fn of_skeleton(skeleton: Arc<Skeleton>) -> Self {
         let spatial = Spatial::new(skeleton);
         let muscles = (spatial.skeleton.muscles.iter())
-            .filter(|muscle| spatial.is_moved_by(muscle))
-            .map(|muscle| Musculotendon {
+            .filter_map(|muscle| Some((muscle, spatial.path(muscle)?)))
+            .map(|(muscle, path)| Musculotendon {
                 name: muscle.name.clone(),
                 max_isometric_force: muscle.max_isometric_force,
                 optimal_fibre_length: muscle.optimal_fibre_length,
@@ -53,10 +55,15 @@ impl Model {
                 max_shortening_velocity: muscle.max_shortening_velocity,
                 force_velocity: muscle.force_velocity,
                 rigid_tendon: muscle.rigid_tendon,
-                path: Path::Spatial(spatial.path(muscle)),
+                path: Path::Spatial(path),
             })
             .collect();
-        Self { name: spatial.skeleton.name.clone(), mechanics: Arc::new(spatial), muscles, actuators: Vec::new() }
+        let drives = |actuator: &&Actuator| {
+            let coordinate = spatial.skeleton.coordinate(&actuator.coordinate);
+            coordinate.is_some_and(|c| spatial.linkage.free_number(c).is_some())
+        };
+        let actuators = spatial.skeleton.actuators.iter().filter(drives).cloned().collect();
+        Self { name: spatial.skeleton.name.clone(), actuators, mechanics: Arc::new(spatial), muscles }
     }
 
     /// The mechanism of a planar model, `None` of a spatial one.
@@ -73,12 +80,6 @@ impl Model {
     pub fn weight(&self) -> f64 {
         let (mass, gravity) = self.mechanics.mass_and_gravity();
         mass * if gravity > 0.0 { gravity } else { 9.81 }
-    }
-
-    /// Name of each constraint: that of its reaction, if it has one.
-    pub fn constraint_names(&self) -> Vec<String> {
-        let names = self.mechanics.reaction_names().into_iter();
-        names.map(|name| name.unwrap_or_else(|| "normal".to_owned())).collect()
     }
 
     /// What a study may change in a motion: the joint coordinates, and the turns of a spatial model.

@@ -56,7 +56,7 @@ impl Path {
     pub fn positions(&self, q: &[f64]) -> Vec<Vec<f64>> {
         match self {
             Path::Straight(path) => path.points.iter().map(|place| place.at(q).position.to_vec()).collect(),
-            Path::Spatial(path) => (0..path.points.len()).map(|k| path.position(k, q).to_vec()).collect(),
+            Path::Spatial(path) => path.positions(q).into_iter().map(|x| x.to_vec()).collect(),
         }
     }
 }

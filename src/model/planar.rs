@@ -2,9 +2,11 @@
 
 use std::any::Any;
 
+use nalgebra::DMatrix;
 use num_dual::Dual64;
 
 use super::body::{Body, ExternalForce, Place};
+use super::driven::DrivenCoordinate;
 use super::joint::Joint;
 use super::mechanics::{EachConstraint, Level, Mechanics, Motion, named, numbered, through};
 use crate::numerics::Scalar;
@@ -46,7 +48,7 @@ impl Mechanics for Planar {
         self
     }
 
-    fn body_coordinate_names(&self) -> Vec<String> {
+    fn coordinate_names(&self) -> Vec<String> {
         self.bodies.iter().flat_map(|body| named(&body.name, &["x", "y", "angle"])).collect()
     }
 
@@ -54,12 +56,16 @@ impl Mechanics for Planar {
         3 * self.bodies.len()
     }
 
+    fn is_angle(&self, coordinate: usize) -> bool {
+        coordinate % 3 == 2
+    }
+
     fn constraints(&self) -> usize {
         self.joints.iter().map(|joint| joint.kind.constraints()).sum()
     }
 
-    fn reaction_names(&self) -> Vec<Option<String>> {
-        self.joints.iter().flat_map(|joint| numbered(&joint.name, joint.kind.constraints()).map(Some)).collect()
+    fn reaction_names(&self) -> Vec<String> {
+        self.joints.iter().flat_map(|joint| numbered(&joint.name, joint.kind.constraints())).collect()
     }
 
     fn load_names(&self) -> Vec<String> {
@@ -74,6 +80,14 @@ impl Mechanics for Planar {
         self.coordinates_of_joints().map(|(joint, name)| (name, joint.kind.is_angular())).collect()
     }
 
+    fn driven_coordinates(&self) -> Vec<DrivenCoordinate<'_>> {
+        self.coordinates_of_joints().map(|(joint, name)| DrivenCoordinate::of_joint(joint, name)).collect()
+    }
+
+    fn coordinate_directions(&self, q: &[f64]) -> Option<DMatrix<f64>> {
+        self.directions(q)
+    }
+
     /// All, unless there are loops, where some follow from others.
     fn needed_coordinates(&self) -> Vec<&str> {
         if self.joints.len() > self.bodies.len() {
@@ -82,7 +96,7 @@ impl Mechanics for Planar {
         self.coordinates_of_joints().map(|(_, name)| name).collect()
     }
 
-    fn joint_coordinate_values(&self, q: &[f64], _near: &mut Vec<f64>) -> Vec<(&str, f64)> {
+    fn joint_coordinate_values(&self, q: &[f64]) -> Vec<(&str, f64)> {
         self.coordinates_of_joints().map(|(joint, name)| (name, joint.coordinate_value(q).value)).collect()
     }
 
@@ -94,12 +108,8 @@ impl Mechanics for Planar {
         (self.bodies.len(), self.joints.len())
     }
 
-    fn tracking_weight(&self, _coordinate: usize) -> f64 {
-        1.0
-    }
-
-    fn per_body(&self) -> (usize, usize) {
-        (3, 2)
+    fn tracking_weights(&self) -> Vec<f64> {
+        vec![1.0; self.coordinates()]
     }
 
     fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>) {

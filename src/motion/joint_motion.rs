@@ -1,11 +1,8 @@
-//! Motion of a spatial model from its joint coordinates over time: positions and velocities of all bodies.
-
-use num_dual::Dual64;
+//! Motion of a spatial model from its joint coordinates over time.
 
 use crate::model::spatial::Spatial;
-use crate::model::spatial::joint::PER_BODY;
-use crate::numerics::cubic::CubicSpline;
-use crate::skeleton::frame::{Frame, minus, norm};
+use crate::numerics::cubic::{CubicSpline, Ends};
+use crate::skeleton::frame::{Frame, Vector, minus, norm};
 use crate::skeleton::{Role, Turn};
 
 /// Joint coordinates as functions of time since the start of the motion, with the changes made by the study.
@@ -19,8 +16,8 @@ pub struct JointMotion {
     time_scale: f64,
     /// Additional angle of each turn of the skeleton, rad.
     turns: Vec<f64>,
-    /// All body coordinates at the start; they fix the signs of the Euler parameters.
-    first: Vec<f64>,
+    /// Given coordinates that fixed bodies and turns change, over time since the start.
+    changed: Vec<(usize, CubicSpline)>,
 }
 
 /// A joint coordinate as a function of time.
@@ -37,116 +34,167 @@ pub enum CoordinateFunction {
     },
 }
 
+impl CoordinateFunction {
+    /// The value, rate and acceleration at a time of the table (s) that runs `time_scale` times slower.
+    fn at(&self, time: f64, time_scale: f64) -> [f64; 3] {
+        match self {
+            Self::Constant(value) => [*value, 0.0, 0.0],
+            Self::Spline { spline, first, offset, scale } => {
+                let [value, rate, acceleration] = spline.at(time);
+                let rate = scale * rate / time_scale;
+                [first + offset + scale * (value - first), rate, scale * acceleration / (time_scale * time_scale)]
+            }
+        }
+    }
+}
+
 impl JointMotion {
-    /// `coordinates`: one for each joint coordinate of the skeleton; `start` in s; `turns`: angles in rad.
+    /// `coordinates`: one for each joint coordinate of the skeleton; `clock`: start (s) and scale of the time; `turns`: angles
+    /// in rad; `instants` of the motion since its start, s.
     pub fn new(
         spatial: &Spatial,
         coordinates: Vec<CoordinateFunction>,
-        start: f64,
-        time_scale: f64,
+        clock: (f64, f64),
         turns: Vec<f64>,
+        instants: &[f64],
     ) -> Self {
-        let mut motion = Self { spatial: spatial.clone(), coordinates, start, time_scale, turns, first: Vec::new() };
-        motion.first = spatial.coordinates_of(&motion.frames(0.0).real(), None);
+        let (start, time_scale) = clock;
+        let mut motion = Self { spatial: spatial.clone(), coordinates, start, time_scale, turns, changed: Vec::new() };
+        let changed = motion.changed_coordinates(|role| role == Role::Given);
+        if !changed.is_empty() {
+            let mut near: Option<Vec<f64>> = None;
+            let poses: Vec<Vec<f64>> = (instants.iter())
+                .map(|&t| {
+                    let pose = motion.changed_pose(t, &changed, near.as_deref());
+                    near = Some(pose.clone());
+                    pose
+                })
+                .collect();
+            let spline = |c: usize| {
+                let points: Vec<(f64, f64)> = instants.iter().zip(&poses).map(|(&t, pose)| (t, pose[c])).collect();
+                (c, CubicSpline::new(&points, Ends::Natural))
+            };
+            let given = changed.iter().flat_map(|&joint| spatial.skeleton.joints[joint].motion.coordinates());
+            motion.changed = given.map(spline).collect();
+        }
         motion
     }
 
-    /// Joint coordinates at time `t` (s), with their rates in the dual parts.
-    fn pose(&self, t: f64) -> Vec<Dual64> {
-        let at = |function: &CoordinateFunction| match function {
-            CoordinateFunction::Constant(value) => Dual64::from(*value),
-            CoordinateFunction::Spline { spline, first, offset, scale } => {
-                let [value, rate, _] = spline.at(self.start + t / self.time_scale);
-                Dual64::new(first + offset + scale * (value - first), scale * rate / self.time_scale)
-            }
-        };
-        let mut pose: Vec<Dual64> = self.coordinates.iter().map(at).collect();
+    /// Values of all joint coordinates at time `t` (s), as the motion has them.
+    fn pose(&self, t: f64) -> Vec<f64> {
+        let at = |function: &CoordinateFunction| function.at(self.start + t / self.time_scale, self.time_scale)[0];
+        let mut pose: Vec<f64> = self.coordinates.iter().map(at).collect();
         self.spatial.skeleton.follow(&mut pose);
         pose
     }
 
-    /// Poses of all bodies of the skeleton at time `t` (s), with their rates in the dual parts.
-    fn frames(&self, t: f64) -> BodyPoses<Dual64> {
+    fn is_fixed(&self, body: usize) -> bool {
+        self.spatial.skeleton.bodies[body].role == Role::Fixed
+    }
+
+    /// Joints of bodies with such a role whose coordinates are not those of the motion, because the body is turned or is on
+    /// a fixed one.
+    fn changed_coordinates(&self, has: impl Fn(Role) -> bool) -> Vec<usize> {
+        let skeleton = &self.spatial.skeleton;
+        let is_turned = |body: usize| skeleton.turns.iter().zip(&self.turns).any(|(t, a)| t.body == body && *a != 0.0);
+        let joints = skeleton.joints.iter().enumerate().filter(|(_, joint)| has(skeleton.bodies[joint.child].role));
+        let changed = joints.filter(|(_, joint)| {
+            let on_fixed = joint.parent.is_some_and(|parent| self.is_fixed(parent));
+            (on_fixed || is_turned(joint.child)) && !skeleton.is_locked(joint)
+        });
+        changed.map(|(k, _)| k).collect()
+    }
+
+    /// Poses of all bodies of the skeleton at time `t` (s).
+    fn frames(&self, t: f64) -> Vec<Frame<f64>> {
         let skeleton = &self.spatial.skeleton;
         let pose = self.pose(t);
         let moving = skeleton.frames(&pose);
-        let is_fixed = |body: usize| skeleton.bodies[body].role == Role::Fixed;
-        let any_fixed = (0..skeleton.bodies.len()).any(is_fixed);
+        let any_fixed = (0..skeleton.bodies.len()).any(|body| self.is_fixed(body));
         if !any_fixed && self.turns.iter().all(|angle| *angle == 0.0) {
-            return BodyPoses(moving);
+            return moving;
         }
-        let held =
-            if any_fixed { self.pose(0.0).into_iter().map(|x| Dual64::from(x.re)).collect() } else { Vec::new() };
-        let mut frames: Vec<Frame<Dual64>> = vec![Frame::identity(); skeleton.bodies.len()];
+        let held = self.pose(0.0);
+        let mut frames: Vec<Frame<f64>> = vec![Frame::identity(); skeleton.bodies.len()];
         for joint in &skeleton.joints {
             let parent = joint.parent.map_or_else(Frame::identity, |parent| frames[parent]);
-            let place = parent * joint.in_parent.lift();
-            let pose = if is_fixed(joint.child) { &held } else { &pose };
-            let mut frame = place * joint.motion.frame(pose) * joint.in_child.inverse().lift();
+            let place = parent * joint.in_parent;
+            let pose = if self.is_fixed(joint.child) { &held } else { &pose };
+            let mut frame = place * joint.motion.frame(pose) * joint.in_child.inverse();
             // A body on a fixed one keeps the orientation in space that it has where that one moves.
-            let is_on_fixed = joint.parent.is_some_and(is_fixed) && !is_fixed(joint.child);
+            let is_on_fixed = joint.parent.is_some_and(|parent| self.is_fixed(parent)) && !self.is_fixed(joint.child);
             let own = |(turn, angle): &(&Turn, &f64)| turn.body == joint.child && **angle != 0.0;
             let turns: Vec<(&Turn, &f64)> = skeleton.turns.iter().zip(&self.turns).filter(own).collect();
             if is_on_fixed || !turns.is_empty() {
                 let mut axes = if is_on_fixed { moving[joint.child].axes } else { frame.axes };
                 for (turn, angle) in turns {
                     let against = frames[turn.against];
-                    let axis = [0, 1, 2].map(|i| (0..3).map(|j| against.axes[i][j].re * turn.axis[j]).sum::<f64>());
-                    let turned = Frame::rotation(axis, Dual64::from(*angle));
-                    axes = (turned * Frame { axes, origin: frame.origin }).axes;
+                    let axis: Vector = against.axes.map(|row| (0..3).map(|j| row[j] * turn.axis[j]).sum());
+                    axes = (Frame::rotation(axis, *angle) * Frame { axes, origin: frame.origin }).axes;
                 }
                 let centre = (place * joint.motion.frame(pose)).origin;
-                let turned = Frame { axes, origin: [Dual64::from(0.0); 3] };
-                let arm = turned.point(&joint.in_child.origin.map(Dual64::from));
-                frame = Frame { axes, origin: [0, 1, 2].map(|i| centre[i] - arm[i]) };
+                let arm = Frame { axes, origin: [0.0; 3] }.point(&joint.in_child.origin);
+                frame = Frame { axes, origin: minus(&centre, &arm) };
             }
             frames[joint.child] = frame;
         }
-        BodyPoses(frames)
+        frames
     }
 
-    /// Coordinates of the bodies with equations of motion. The Euler parameters have the signs closest to those of
-    /// `near` (default: to those at the start).
-    pub fn measured(&self, t: f64, near: Option<&[f64]>) -> Vec<f64> {
-        let near = near.unwrap_or(&self.first);
-        let mut padded = near.to_vec();
-        padded.extend_from_slice(&self.first[near.len()..]);
-        let mut q = self.spatial.coordinates_of(&self.frames(t).real(), Some(&padded));
-        q.truncate(PER_BODY * self.spatial.bodies.len());
-        q
-    }
-
-    /// Coordinates of the bodies with prescribed motion, and their rates.
-    pub fn given(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
-        if self.spatial.given.is_empty() {
-            return Default::default();
+    /// Values of all joint coordinates, those of `joints` so that their bodies are where they should be; the nearest to
+    /// `near` (default: to the motion).
+    fn changed_pose(&self, t: f64, joints: &[usize], near: Option<&[f64]>) -> Vec<f64> {
+        let mut pose = self.pose(t);
+        if joints.is_empty() {
+            return pose;
         }
-        let all: Vec<Dual64> = self.spatial.coordinates_of(&self.frames(t).0, Some(&self.first));
-        all[PER_BODY * self.spatial.bodies.len()..].iter().map(|x| (x.re, x.eps)).unzip()
+        let frames = self.frames(t);
+        let start = near.map_or_else(|| pose.clone(), <[f64]>::to_vec);
+        for joint in joints.iter().map(|&k| &self.spatial.skeleton.joints[k]) {
+            let parent = joint.parent.map_or_else(Frame::identity, |parent| frames[parent]) * joint.in_parent;
+            let wanted = parent.inverse() * frames[joint.child] * joint.in_child;
+            joint.motion.coordinates_of(&wanted, &start).into_iter().for_each(|(c, value)| pose[c] = value);
+        }
+        pose
+    }
+
+    /// Coordinates that move by forces, the nearest to those before.
+    pub fn measured(&self, t: f64, before: Option<&[f64]>) -> Vec<f64> {
+        let linkage = &self.spatial.linkage;
+        let near = before.map(|before| linkage.coordinates(before));
+        let pose = self.changed_pose(t, &self.changed_coordinates(|role| role == Role::Free), near.as_deref());
+        linkage.free.iter().map(|&c| pose[c]).collect()
+    }
+
+    /// Given coordinates, their rates and accelerations.
+    pub fn given(&self, t: f64) -> [Vec<f64>; 3] {
+        let skeleton = &self.spatial.skeleton;
+        let is_held = |c: usize| {
+            let joint = skeleton.joints.iter().find(|joint| joint.motion.coordinates().contains(&c));
+            joint.is_some_and(|joint| self.is_fixed(joint.child))
+        };
+        let at = |c: usize| {
+            if let Some((_, spline)) = self.changed.iter().find(|(changed, _)| *changed == c) {
+                return spline.at(t);
+            }
+            if is_held(c) {
+                let [value, ..] = self.coordinates[c].at(self.start, self.time_scale);
+                return [value, 0.0, 0.0];
+            }
+            self.coordinates[c].at(self.start + t / self.time_scale, self.time_scale)
+        };
+        let values: Vec<[f64; 3]> = self.spatial.linkage.given.iter().map(|&c| at(c)).collect();
+        [0, 1, 2].map(|level| values.iter().map(|value| value[level]).collect())
     }
 
     /// The largest distance (m) between two points that should coincide, with the name of their constraint.
     pub fn gap(&self, t: f64) -> Option<(f64, &str)> {
-        let frames = self.frames(t).real();
+        let frames = self.frames(t);
         let gap = |held: &crate::skeleton::HeldPoint| {
             let [a, b] = [0, 1].map(|k| frames[held.bodies[k]].point(&held.points[k]));
             norm(&minus(&a, &b))
         };
         let gaps = self.spatial.skeleton.held_points.iter().map(|held| (gap(held), held.name.as_str()));
         gaps.max_by(|a, b| a.0.total_cmp(&b.0))
-    }
-}
-
-/// Poses of all bodies of the skeleton.
-struct BodyPoses<T>(Vec<Frame<T>>);
-
-impl BodyPoses<Dual64> {
-    /// The frames without their rates.
-    fn real(&self) -> Vec<Frame<f64>> {
-        let one = |frame: &Frame<Dual64>| Frame {
-            axes: frame.axes.map(|row| row.map(|x| x.re)),
-            origin: frame.origin.map(|x| x.re),
-        };
-        self.0.iter().map(one).collect()
     }
 }

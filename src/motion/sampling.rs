@@ -1,4 +1,4 @@
-//! From a motion table to body coordinates at the measured instants: smoothing, resampling, offsets, assembly of the
+//! From a motion table to coordinates at the measured instants: smoothing, resampling, offsets, assembly of the
 //! joints, noise.
 
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub struct MotionSettings {
     pub measurement_ratio: usize,
     /// Cut-off frequency of the zero-lag second-order Butterworth low-pass, Hz; 0 for no filter.
     pub smoothing_hz: f64,
-    /// Standard deviation of the Gaussian noise added to every body coordinate, m and rad.
+    /// Standard deviation of the Gaussian noise added to every coordinate, m and rad.
     pub noise_sd: f64,
     /// Seed of the noise.
     pub seed: u64,
@@ -33,7 +33,7 @@ pub struct MotionSettings {
     pub changes: Vec<(String, f64, f64)>,
 }
 
-/// The measured body coordinates.
+/// The measured coordinates.
 #[derive(Clone, Debug)]
 pub struct Measurement {
     /// Measured instants (`p̂`), s from the start of the motion.
@@ -220,10 +220,11 @@ impl MotionSettings {
             })
             .collect();
         let turns = spatial.skeleton.turns.iter().map(|turn| self.change(&turn.name).0).collect();
-        JointMotion::new(spatial, coordinates, table.start(), self.time_scale, turns)
+        let instants = table.time.iter().map(|t| (t - table.start()) * self.time_scale).collect::<Vec<_>>();
+        JointMotion::new(spatial, coordinates, (table.start(), self.time_scale), turns, &instants)
     }
 
-    /// External forces, and the motion of the bodies with prescribed motion.
+    /// External forces, and the motion of given coordinates.
     pub fn surroundings(&self, table: &MotionTable, model: &Model) -> Surroundings {
         let Some(spatial) = model.spatial() else { return Surroundings::constant(model) };
         let over_time = |name: &str, scale: f64| {
@@ -240,7 +241,7 @@ impl MotionSettings {
                 None => over_time(&force.name, force.scale).unwrap_or(Load::Constant([0.0; 3])),
             })
             .collect();
-        let motion = (!spatial.given.is_empty()).then(|| Arc::new(self.joint_motion(table, spatial)));
+        let motion = (!spatial.linkage.given.is_empty()).then(|| Arc::new(self.joint_motion(table, spatial)));
         Surroundings::new(loads, motion)
     }
 }

@@ -10,7 +10,7 @@ use crate::numerics::cubic::CubicSpline;
 #[derive(Clone, Debug, Default)]
 pub struct Surroundings {
     loads: Vec<Load>,
-    /// Motion of a spatial model in which some bodies have given motion.
+    /// Motion of a spatial model with given coordinates.
     motion: Option<Arc<JointMotion>>,
 }
 
@@ -23,7 +23,7 @@ pub enum Load {
 }
 
 impl Surroundings {
-    /// The constant forces of the model, without given motion.
+    /// The constant forces of the model, without given coordinates.
     pub fn constant(model: &Model) -> Self {
         let loads = model.mechanics.constant_loads().into_iter().map(Load::Constant).collect();
         Self { loads, motion: None }
@@ -42,8 +42,8 @@ impl Surroundings {
         self.loads.iter().map(at).collect()
     }
 
-    /// Coordinates of the bodies of given motion, and their rates; empty if there are none.
-    pub fn given(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
+    /// Given coordinates, their rates and accelerations; empty if there are none.
+    pub fn given(&self, t: f64) -> [Vec<f64>; 3] {
         self.motion.as_ref().map_or_else(Default::default, |motion| motion.given(t))
     }
 }

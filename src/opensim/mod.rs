@@ -199,8 +199,6 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         others.into_iter().partition(|force| force.tag() == "CoordinateActuator" && force.text("coordinate").is_some());
     for actuator in actuators {
         read.actuator.push(reader.actuator(actuator)?);
-        let meaning = "imported as [[actuator]], which has no effect on a spatial model yet";
-        notes.lost(&format!("CoordinateActuator {}", actuator.name()), meaning);
     }
     lost::forces(others.into_iter(), &mut notes);
     for force in muscles {

@@ -21,8 +21,9 @@ use block::{Block, Order, Pattern};
 pub use goals::Goal;
 pub use quantity::{Kind, Quantity, QuantityId, Span};
 
-/// Values and rates of a given quantity at a time (s).
-type GivenFunction<'m> = Box<dyn Fn(f64) -> (Vec<f64>, Vec<f64>) + Send + Sync + 'm>;
+/// Values of a given quantity and their first and second derivatives at a time (s), as far as they are read.
+pub type Given = [Vec<f64>; 3];
+type GivenFunction<'m> = Box<dyn Fn(f64) -> Given + Send + Sync + 'm>;
 
 /// A family of equations, or of functions that a [`Limit`] bounds.
 #[derive(Clone, Debug)]
@@ -103,7 +104,7 @@ impl<'m> Builder<'m> {
         &mut self,
         name: &'static str,
         members: Vec<String>,
-        function: impl Fn(f64) -> (Vec<f64>, Vec<f64>) + Send + Sync + 'm,
+        function: impl Fn(f64) -> Given + Send + Sync + 'm,
     ) -> QuantityId {
         let id = self.quantity(name, members, Kind::Given);
         self.0.given.push((id, Box::new(function)));
@@ -185,14 +186,14 @@ impl ControlProblem<'_> {
         self.given.iter().any(|(id, _)| !self.quantity(*id).members.is_empty())
     }
 
-    /// Values and rates at time t (s) of the given quantities among the variables; all others are 0.
+    /// Values and derivatives at time t (s) of the given quantities among the variables; all others are 0.
     pub fn given_at(&self, t: f64) -> Vec<f64> {
         let mut z = vec![0.0; self.variables()];
         for (id, function) in &self.given {
             let mut known = None;
             for read in self.reads.iter().filter(|read| read.quantity == *id) {
-                let (values, rates) = known.get_or_insert_with(|| function(t));
-                z[read.variables.range()].copy_from_slice(if read.derivative == 0 { values } else { rates });
+                let known = known.get_or_insert_with(|| function(t));
+                z[read.variables.range()].copy_from_slice(&known[read.derivative]);
             }
         }
         z

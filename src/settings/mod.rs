@@ -40,7 +40,7 @@ pub struct Settings {
     pub bounds: Bounds,
     pub load_sharing_grid: LoadSharingGrid,
     /// Moment (N m) or force (N) of a reserve actuator at each joint coordinate, at a control of 1; 0 for none. A number
-    /// for all coordinates, or a table by coordinate, such as `reserves.elbow_angle`. Planar models only.
+    /// for all coordinates, or a table by coordinate, such as `reserves.elbow_angle`.
     #[schemars(range(min = 0.0, max = 1e9))]
     #[serde(skip_serializing_if = "is_zero")]
     pub reserves: f64,

@@ -50,7 +50,7 @@ pub struct SkeletonFile {
     /// External forces.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
-    /// Actuators that are no muscles. They have no effect yet: reserves and actuators need a planar model.
+    /// Actuators that are no muscles. Those at coordinates that do not move by forces have no effect.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub actuator: Vec<ActuatorEntry>,
     /// Rotations that a study may add to the motion as `motion.<name>_offset_deg`.
@@ -496,7 +496,7 @@ impl SkeletonFile {
         let held_points = mistakes.all(self.held_point.iter().map(|held| held.check(&names)));
         let forces = mistakes.all(self.force.iter().map(|force| force.check(&names)));
         let coordinates = self.coordinate.iter().map(|coordinate| coordinate.name.as_str());
-        mistakes.all(self.actuator.iter().map(|actuator| actuator.check(coordinates.clone())));
+        let actuators = mistakes.all(self.actuator.iter().map(|actuator| actuator.check(coordinates.clone())));
         let turns = mistakes.all(self.turn.iter().map(|turn| turn.check(&names)));
         mistakes.none()?;
 
@@ -513,11 +513,11 @@ impl SkeletonFile {
             surfaces,
             held_points,
             forces,
+            actuators,
             turns,
             gravity: self.gravity,
             muscles,
         };
-        skeleton.check_roles().map_err(one)?;
         Ok(skeleton)
     }
 

@@ -4,7 +4,6 @@
 //! fixed points and points that move with a coordinate, and around wrapping surfaces. All quantities are functions of
 //! the joint coordinates q; moment arms are −∂L/∂q.
 
-mod check;
 pub mod ellipsoid;
 pub mod file;
 pub mod frame;
@@ -21,6 +20,7 @@ use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 
 use crate::curves::ForceVelocity;
+use crate::entries::Actuator;
 use crate::numerics::Scalar;
 use frame::Frame;
 use function::Function;
@@ -40,6 +40,7 @@ pub struct Skeleton {
     pub surfaces: Vec<Surface>,
     pub muscles: Vec<Muscle>,
     pub forces: Vec<Force>,
+    pub actuators: Vec<Actuator>,
     /// Gravitational acceleration, m/s².
     pub gravity: [f64; 3],
     /// Rotations that a study may add to the motion.

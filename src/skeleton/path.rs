@@ -41,7 +41,7 @@ pub struct Obstacle {
 impl Obstacle {
     /// Translates `parts` to the first and last segment between the active points `active` (indices, increasing):
     /// `Some(None)` if any segment may wrap the surface, `None` if none is left.
-    fn segments(&self, active: &[usize]) -> Option<Option<[usize; 2]>> {
+    pub fn segments(&self, active: &[usize]) -> Option<Option<[usize; 2]>> {
         let Some([first, last]) = self.parts else { return Some(None) };
         let from = active.iter().position(|&point| point >= first)?;
         let to = active.iter().rposition(|&point| point <= last + 1)?;

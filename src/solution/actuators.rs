@@ -21,10 +21,10 @@ impl Solution<'_> {
             let peak = largest(&mut values.iter().copied());
             let square: f64 = weights.iter().zip(&values).map(|(w, v)| w * v * v).sum();
             let rms = (square / self.duration()).sqrt();
-            let net = net.as_ref().map(|net| largest(&mut net.iter().map(|moments| moments[drive.coordinate])));
-            let is_angle = drive.joint.kind.is_angular();
+            let net = net.as_ref().map(|net| largest(&mut net.iter().map(|moments| moments[drive.number])));
+            let is_angle = drive.coordinate.is_angle;
             ReserveRow {
-                coordinate: drive.joint.coordinate.clone().unwrap_or_default(),
+                coordinate: drive.coordinate.name.to_owned(),
                 actuator: drive.name.clone(),
                 is_reserve: drive.is_reserve,
                 peak_moment_n_m: is_angle.then_some(peak),
@@ -42,7 +42,7 @@ impl Solution<'_> {
     /// coordinate, leave that motion open.
     fn net_moments(&self, z: &[f64]) -> Option<Vec<f64>> {
         let q = self.inverse.motion.all.of(z);
-        let along: DMatrix<f64> = self.model().planar()?.coordinate_directions(q)?;
+        let along: DMatrix<f64> = self.model().mechanics.coordinate_directions(q)?;
         let mut moments = vec![0.0; along.ncols()];
         for (m, muscle) in self.model().muscles.iter().enumerate() {
             let mut path = muscle.path.buffer();
@@ -53,7 +53,7 @@ impl Solution<'_> {
             }
         }
         for drive in &self.inverse.actuators {
-            moments[drive.coordinate] += drive.moment * z[drive.control];
+            moments[drive.number] += drive.moment * z[drive.control];
         }
         Some(moments)
     }

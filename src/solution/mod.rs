@@ -76,8 +76,8 @@ impl Solution<'_> {
             effort: Some(self.square(muscles.activation)),
             actuator_effort: self.inverse.actuators.first().map(|drive| self.square(drive.quantity)),
             control_effort: Some(self.control_effort()),
-            tracking_rms_m: Some(rms_m),
-            tracking_rms_deg: Some(rms_deg),
+            tracking_rms_m: rms_m,
+            tracking_rms_deg: rms_deg,
             stationarity: Some(stationarity),
             feasibility: Some(problem.feasibility(&iterate.x)),
             complementarity: Some(complementarity),
@@ -102,22 +102,18 @@ impl Solution<'_> {
         [stationarity, error.complementarity]
     }
 
-    /// RMS difference from the measured body coordinates: positions (m) and angles (degrees).
-    fn tracking_rms(&self) -> (f64, f64) {
-        let (each, positions) = self.model().mechanics.per_body();
-        let (mut metres, mut degrees) = (0.0, 0.0);
-        for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
-            for (i, value) in measured.iter().enumerate() {
-                let difference = self.coordinate(t, 0, i) - value;
-                if i % each < positions {
-                    metres += difference * difference;
-                } else {
-                    degrees += (self.model().mechanics.tracking_weight(i) * difference).to_degrees().powi(2);
-                }
-            }
-        }
-        let angles = (self.measurement.times.len() * self.model().mechanics.bodies_and_joints().0) as f64;
-        ((metres / (positions as f64 * angles)).sqrt(), (degrees / angles).sqrt())
+    /// RMS difference from the measured coordinates: positions (m) and angles (degrees), if there are any.
+    fn tracking_rms(&self) -> (Option<f64>, Option<f64>) {
+        let mechanics = &self.model().mechanics;
+        let rms = |angles: bool| {
+            let own: Vec<usize> = (0..mechanics.coordinates()).filter(|&i| mechanics.is_angle(i) == angles).collect();
+            let instants = self.measurement.times.iter().zip(&self.measurement.coordinates);
+            let squares = instants
+                .flat_map(|(&t, measured)| own.iter().map(move |&i| (self.coordinate(t, 0, i) - measured[i]).powi(2)));
+            let count = own.len() * self.measurement.times.len();
+            (count > 0).then(|| (squares.sum::<f64>() / count as f64).sqrt())
+        };
+        (rms(false), rms(true).map(f64::to_degrees))
     }
 
     /// max |Φ_q q̇| over the points. The midpoint scheme imposes Φ = 0 there, but not its derivative.

@@ -23,17 +23,16 @@ impl Solution<'_> {
             });
         };
         self.push_measured(&mut push);
-        let mut near = Vec::new();
         // Functions of degree 0 ring at both ends.
         let rings = self.inverse.motion.velocity.is_none();
         let count = self.problem.scheme.points().len();
         for (j, (&t, z)) in self.problem.scheme.points().iter().zip(self.locals()).enumerate() {
             let end = rings && (j < END_POINTS || j + END_POINTS >= count);
             let (q, complete) = (self.inverse.motion.all.of(&z), self.problem.points[j].complete);
-            for (i, name) in model.mechanics.body_coordinate_names().iter().enumerate().filter(|_| complete) {
+            for (i, name) in model.mechanics.coordinate_names().iter().enumerate().filter(|_| complete) {
                 push(t, "acceleration", name, z[self.inverse.motion.accelerations.at(i)], end);
             }
-            for (name, value) in model.mechanics.joint_coordinate_values(q, &mut near) {
+            for (name, value) in model.mechanics.joint_coordinate_values(q) {
                 push(t, "joint_coordinate", name, value, false);
             }
             self.push_muscles(&mut push, (t, &z), complete);
@@ -49,11 +48,10 @@ impl Solution<'_> {
                 }
             }
             for drive in self.inverse.actuators.iter().filter(|_| complete) {
-                let signal = if drive.joint.kind.is_angular() { "actuator_moment_n_m" } else { "actuator_force_n" };
+                let signal = if drive.coordinate.is_angle { "actuator_moment_n_m" } else { "actuator_force_n" };
                 push(t, signal, &drive.name, drive.moment * z[drive.control], false);
             }
             for (row, name) in model.mechanics.reaction_names().into_iter().enumerate().filter(|_| complete) {
-                let Some(name) = name else { continue };
                 push(t, "reaction_n", &name, model.weight() * z[self.inverse.motion.reactions.at(row)], end);
             }
         }
@@ -70,8 +68,7 @@ impl Solution<'_> {
     /// The measured coordinates at the measured instants, and the solution's there.
     fn push_measured(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool)) {
         let (model, motion) = (self.model(), &self.inverse.motion);
-        let names = model.mechanics.body_coordinate_names();
-        let mut near = Vec::new();
+        let names = model.mechanics.coordinate_names();
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
             for (i, name) in names.iter().enumerate() {
                 push(t, "measured", name, measured[i], false);
@@ -79,7 +76,7 @@ impl Solution<'_> {
             }
             let mut all = motion.all.of(&self.inverse.control.given_at(t)).to_vec();
             all[..measured.len()].copy_from_slice(measured);
-            for (name, value) in model.mechanics.joint_coordinate_values(&all, &mut near) {
+            for (name, value) in model.mechanics.joint_coordinate_values(&all) {
                 push(t, "measured_joint_coordinate", name, value, false);
             }
         }

@@ -478,7 +478,6 @@ impl<'m> Plan<'m> {
 
     /// Refuses settings that do not fit the model or one another.
     pub fn check_settings(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
-        let spatial = model.spatial().is_some();
         for job in jobs {
             if job.settings.effort_power != 2.0 && !job.settings.bounds.kinds().contains(&BoundKind::Activation) {
                 let message = format!("{} with bounds = \"{}\"", job.settings.effort_power, job.settings.bounds.name());
@@ -493,14 +492,6 @@ impl<'m> Plan<'m> {
                     self.place("mu"),
                     InvalidValue::new("mu = 0 with reserves or actuators", help),
                 ));
-            }
-            if spatial && let Some(change) = job.changes.iter().find(|change| change.path.starts_with("actuator.")) {
-                let help = "actuators have no effect on spatial models yet: remove the key";
-                return Err(complaint_at(self.place(&change.path), InvalidValue::new("the model is spatial", help)));
-            }
-            if spatial && job.settings.has_reserves() {
-                let help = "reserves need a planar model: remove the key";
-                return Err(complaint_at(self.place("reserves"), InvalidValue::new("the model is spatial", help)));
             }
         }
         Ok(())

@@ -1,12 +1,11 @@
 //! Rigid bodies in space: quantities that a motion without muscles must conserve, and derivatives of everything that a
 //! spatial model adds.
 
-use nalgebra::{Matrix3, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3};
+use num_dual::Dual64;
 use rand::{RngExt, SeedableRng};
 use sinew::internals::deadline::Deadline;
 use sinew::internals::model::Model;
-use sinew::internals::model::spatial::euler;
-use sinew::internals::model::spatial::joint::PER_BODY;
 use sinew::internals::skeleton::file::SkeletonFile;
 
 use super::radau::forward;
@@ -44,7 +43,8 @@ fn pendulum() -> Model {
 
 /// A symmetric top, standing on its tip.
 fn top() -> Model {
-    let ball = joint("tip", "ground", "[0.0, 0.0, 0.0]", "top", &[("a", X), ("b", Y), ("c", Z)]);
+    // It spins about the last axis: the second must not come near 90 degrees.
+    let ball = joint("tip", "ground", "[0.0, 0.0, 0.0]", "top", &[("a", X), ("b", Z), ("c", Y)]);
     model(&[HEAD, &body("top", "[0.0, 0.2, 0.0]", LONG), &ball].concat())
 }
 
@@ -56,84 +56,63 @@ fn double_pendulum() -> Model {
     model(&[HEAD, &bodies, &ball, &hinge].concat())
 }
 
+/// A ball joint, followed by a hinge whose axis moves by functions of its angle.
+fn spline_chain() -> Model {
+    let ball = joint("ball", "ground", "[0.1, 0.0, 0.0]", "upper", &[("a", X), ("b", Y), ("c", Z)]);
+    let knee = r#"
+[[joint]]
+name = "knee"
+kind = "axes"
+parent = "upper"
+child = "lower"
+parent_point = [0.0, -0.5, 0.0]
+translations = [
+    { coordinate = "d", axis = [1.0, 0.0, 0.0], by = { polynomial = [0.01, 0.05, -0.02, 0.01] } },
+    { coordinate = "d", axis = [0.0, 1.0, 0.0], by = { spline = [[-9.0, 0.1], [-1.0, 0.0], [2.0, 0.05], [9.0, 0.2]] } },
+]
+rotations = [{ coordinate = "d", axis = [0.3, 0.2, 1.0] }]
+
+[[coordinate]]
+name = "d"
+"#;
+    let bodies = [body("upper", "[0.0, -0.25, 0.0]", ODD), body("lower", "[0.02, -0.2, 0.0]", LONG)].concat();
+    model(&[HEAD, &bodies, &ball, knee].concat())
+}
+
 const X: &str = "[1.0, 0.0, 0.0]";
 const Y: &str = "[0.0, 1.0, 0.0]";
 const Z: &str = "[0.0, 0.0, 1.0]";
 
-fn angular_velocity(p: &[f64], rate: &[f64]) -> Vector3<f64> {
-    // ω′ = 2 L(p) ṗ, from the definition that A(p)ᵀ dA/dt is the matrix of ω′×.
-    let columns = |x: &[f64; 3]| {
-        let slopes = euler::slopes(p, *x);
-        Vector3::from_fn(|i, _| (0..4).map(|k| slopes[k][i] * rate[k]).sum())
-    };
-    let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    let turned = axes.map(|x| Vector3::from(euler::rotate(p, x)));
-    let moved = axes.map(|x| columns(&x));
-    Vector3::new(turned[2].dot(&moved[1]), turned[0].dot(&moved[2]), turned[1].dot(&moved[0]))
-}
-
-/// Energy (J), and the angular momentum about the vertical through the joint to the ground (N m s).
+/// Energy (J), and the angular momentum about the vertical through the joint to the ground (N m s), from frames of the
+/// skeleton with their rates in the dual parts.
 fn conserved(model: &Model, state: &[f64], pivot: [f64; 3]) -> (f64, f64) {
-    let spatial = model.spatial().unwrap();
-    let nq = model.mechanics.coordinates();
+    let skeleton = &model.spatial().unwrap().skeleton;
+    let (q, v) = state.split_at(model.mechanics.coordinates());
+    let moving: Vec<Dual64> = q.iter().zip(v).map(|(q, v)| Dual64::new(*q, *v)).collect();
     let (mut energy, mut momentum) = (0.0, 0.0);
-    for (b, body) in spatial.bodies.iter().enumerate() {
-        let part = |at: usize| &state[at + PER_BODY * b..at + PER_BODY * (b + 1)];
-        let (q, v) = (part(0), part(nq));
-        let (r, velocity) = (Vector3::from_column_slice(&q[..3]), Vector3::from_column_slice(&v[..3]));
-        let omega = angular_velocity(&q[3..], &v[3..]);
-        energy += 0.5 * body.mass * velocity.norm_squared() + 0.5 * omega.dot(&(body.inertia * omega));
+    for (body, frame) in skeleton.bodies.iter().zip(skeleton.frames(&moving)).filter(|(body, _)| body.mass > 0.0) {
+        let centre = frame.point(&body.centre_of_mass.map(Dual64::from));
+        let (r, velocity) = (Vector3::from(centre.map(|x| x.re)), Vector3::from(centre.map(|x| x.eps)));
+        let axes = Matrix3::from_fn(|i, j| frame.axes[i][j].re);
+        let turning = Matrix3::from_fn(|i, j| frame.axes[i][j].eps) * axes.transpose();
+        let omega = Vector3::new(turning[(2, 1)], turning[(0, 2)], turning[(1, 0)]);
+        let [xx, yy, zz, xy, xz, yz] = body.inertia;
+        let inertia = axes * Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * axes.transpose();
+        energy += 0.5 * body.mass * velocity.norm_squared() + 0.5 * omega.dot(&(inertia * omega));
         energy += body.mass * 9.81 * r.y;
-        let spin = Vector3::from(euler::rotate(&q[3..], (body.inertia * omega).into()));
-        momentum += ((r - Vector3::from(pivot)).cross(&velocity) * body.mass + spin).y;
+        momentum += ((r - Vector3::from(pivot)).cross(&velocity) * body.mass + inertia * omega).y;
     }
     (energy, momentum)
 }
 
-/// State in a pose of the skeleton, with the given angular velocities (body axes, rad/s).
-fn state(model: &Model, pose: &[f64], spins: &[[f64; 3]]) -> Vec<f64> {
-    let spatial = model.spatial().unwrap();
-    let q = spatial.coordinates_of(&spatial.skeleton.frames(pose), None);
-    let mut velocities = Vec::new();
-    // ω, velocity and position of the centre of the body above.
-    let mut above: Option<(Vector3<f64>, Vector3<f64>, Vector3<f64>)> = None;
-    for (b, spin) in spins.iter().enumerate() {
-        let q = &q[PER_BODY * b..PER_BODY * (b + 1)];
-        let turn = |x: [f64; 3]| Vector3::from(euler::rotate(&q[3..], x));
-        let omega = turn(*spin);
-        let joint = &spatial.joints[spins.len() + b];
-        let centre = Vector3::from_column_slice(&q[..3]);
-        let pin = centre + turn(joint.child.point);
-        let pin_velocity = above.map_or_else(Vector3::zeros, |(w, v, r)| v + w.cross(&(pin - r)));
-        let velocity = pin_velocity + omega.cross(&(centre - pin));
-        // ṗ = ½ Lᵀ ω′
-        let p = Vector4::from_column_slice(&q[3..]);
-        let [e0, e1, e2, e3] = [p[0], p[1], p[2], p[3]];
-        let w = spin;
-        let rate = [
-            -0.5 * (e1 * w[0] + e2 * w[1] + e3 * w[2]),
-            0.5 * (e0 * w[0] - e3 * w[1] + e2 * w[2]),
-            0.5 * (e3 * w[0] + e0 * w[1] - e1 * w[2]),
-            0.5 * (-e2 * w[0] + e1 * w[1] + e0 * w[2]),
-        ];
-        velocities.extend(velocity.iter().copied().chain(rate));
-        above = Some((omega, velocity, centre));
-    }
-    q.into_iter().chain(velocities).collect()
-}
-
 #[test]
-fn pendulum_top_and_double_pendulum_conserve_energy_and_momentum_to_the_order_of_the_scheme() {
-    let hinge = Vector3::new(0.3, 0.2, 1.0).normalize();
-    let upper = Vector3::new(0.7, 1.2, 0.3);
-    // The lower body's spin is that of the upper one, in its own axes, plus a rotation about the hinge.
-    let turn = *nalgebra::Rotation3::new(hinge * 0.4).matrix();
-    let lower: [f64; 3] = (Matrix3::transpose(&turn) * upper + hinge * 1.5).into();
-    let (pendulum, top, double) = (pendulum(), top(), double_pendulum());
+fn pendulum_top_double_pendulum_and_a_spline_joint_conserve_energy_and_momentum_to_the_order_of_the_scheme() {
+    let (pendulum, top, double, splines) = (pendulum(), top(), double_pendulum(), spline_chain());
     let cases = [
-        ("pendulum", &pendulum, state(&pendulum, &[0.6, 0.2, -0.3], &[[0.5, 2.0, 0.4]]), [0.0; 3]),
-        ("top", &top, state(&top, &[0.3, 0.0, 0.0], &[[0.2, 20.0, 0.0]]), [0.0; 3]),
-        ("double pendulum", &double, state(&double, &[0.5, 0.1, 0.2, 0.4], &[upper.into(), lower]), [0.1, 0.0, 0.0]),
+        ("pendulum", &pendulum, [[0.6, 0.2, -0.3], [0.5, 2.0, 0.4]].concat(), [0.0; 3]),
+        ("top", &top, [[0.3, 0.0, 0.0], [0.2, 0.0, 20.0]].concat(), [0.0; 3]),
+        ("double pendulum", &double, [[0.5, 0.1, 0.2, 0.4], [0.7, 1.2, 0.3, 1.5]].concat(), [0.1, 0.0, 0.0]),
+        ("chain with a spline joint", &splines, [[0.5, 0.1, 0.2, 0.4], [0.7, 1.2, 0.3, 1.5]].concat(), [0.1, 0.0, 0.0]),
     ];
     for (name, model, start, pivot) in cases {
         let (energy, momentum) = conserved(model, &start, pivot);
@@ -167,12 +146,12 @@ fn lengths_of_spatial_paths_have_their_derivatives() {
     let model = Model::of_skeleton(skeleton.clone());
     let spatial = model.spatial().unwrap();
     let mut compared = 0;
-    for _ in 0..6 {
+    for _ in 0..60 {
         let mut pose = skeleton.default_pose();
         for (name, value) in [("plane_elv", 0.4), ("shoulder_elv", 1.0), ("axial_rot", 0.3), ("elbow_flexion", 1.0)] {
             pose[skeleton.coordinate(name).unwrap()] = value + rng.random_range(-0.4..0.4);
         }
-        let q = spatial.coordinates_of(&skeleton.frames(&pose), None);
+        let q = spatial.linkage.free.iter().map(|&c| pose[c]).collect::<Vec<f64>>();
         for muscle in &model.muscles {
             let sinew::internals::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
             let evaluate = |q: &[f64]| {
@@ -229,7 +208,7 @@ fn second_derivatives_go_on_where_contact_comes_and_goes() {
         for (name, value) in [("plane_elv", 0.4), ("shoulder_elv", 1.0), ("axial_rot", 0.3), ("elbow_flexion", 1.0)] {
             pose[skeleton.coordinate(name).unwrap()] = value + rng.random_range(-0.9..0.9);
         }
-        spatial.coordinates_of(&skeleton.frames(&pose), None)
+        spatial.linkage.free.iter().map(|&c| pose[c]).collect::<Vec<f64>>()
     };
     let (mut passed, mut jumps, mut worst) = (0, 0, 0.0f64);
     for _ in 0..12 {
@@ -351,7 +330,10 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
             });
         }
         // The requested abduction is reached, in addition to the 30 degrees of the motion.
-        let reached = |q: &[f64]| model.spatial().unwrap().turns_reached(q).next().unwrap().1;
+        let reached = |q: &[f64]| {
+            let spatial = model.spatial().unwrap();
+            spatial.turns_reached(&spatial.linkage.frames(q))[0].1
+        };
         let turned = reached(&coordinates(measurement.times[60], &measurement.coordinates[60]));
         let plain = poling(girdle, "");
         let before =
@@ -367,7 +349,7 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
                 outcome.job.error
             );
             assert!(outcome.job.max_activation.unwrap() <= 1.0 + 1e-9);
-            assert!(outcome.job.tracking_rms_m.unwrap() < 0.03);
+            assert!(outcome.job.tracking_rms_deg.unwrap() < 6.0, "{girdle}: {:?}", outcome.job.tracking_rms_deg);
             assert!(outcome.trajectories.iter().any(|row| row.name == "abduction"));
         }
     }

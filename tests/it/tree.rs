@@ -6,7 +6,7 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use sinew::internals::error::SourceFile;
 use sinew::internals::model::tree::Tree;
-use sinew::internals::model::tree::dynamics::{Dynamics, Level, Load, Point, State};
+use sinew::internals::model::tree::dynamics::{Dynamics, LEVELS, Level, Load, Point, State};
 use sinew::internals::skeleton::Skeleton;
 use sinew::internals::skeleton::file::SkeletonFile;
 use sinew::internals::skeleton::frame::Frame;
@@ -252,8 +252,10 @@ fn derivatives_agree_with_differences() {
         let index = |(level, c): (Level, usize)| level as usize * n + c;
         let all = |random: &Random| {
             let mut out = vec![0.0; 16 * n * n];
+            let pairs: Vec<(Level, Level)> = LEVELS.iter().flat_map(|&p| LEVELS.map(|q| (p, q))).collect();
+            let links = vec![true; tree.links.len()];
             Dynamics::new(&tree, random.state(), &loads)
-                .second_derivatives(&mut |p, q, value| out[index(p) * 4 * n + index(q)] += value);
+                .second_derivatives(&links, &pairs, &mut |p, q, value| out[index(p) * 4 * n + index(q)] += value);
             out
         };
         let found = all(&random);

@@ -1,5 +1,7 @@
 //! What moves a link: a function of the joint coordinates, with its derivatives.
 
+use crate::numerics::Scalar;
+use crate::skeleton::Skeleton;
 use crate::skeleton::function::Function;
 
 /// `f(Σ weight · coordinate)`, f being the composition of `functions`, the innermost first.
@@ -23,9 +25,27 @@ pub enum Part {
 pub type Taylor = [f64; 5];
 
 impl Drive {
+    /// By a function of a coordinate, which may follow another one.
+    pub fn by(skeleton: &Skeleton, coordinate: usize, function: &Function) -> Self {
+        let follows = skeleton.coordinates[coordinate].follows.as_ref();
+        let leader = follows.map_or(coordinate, |(leader, _)| *leader);
+        let functions = follows.map(|(_, function)| function).into_iter().chain([function]);
+        let functions = functions.filter(|f| !f.is_identity()).cloned().map(Part::Function).collect();
+        Self { terms: vec![(leader, 1.0)], functions }
+    }
+
     /// The inner argument u, of coordinates, speeds or accelerations alike.
-    pub fn argument(&self, coordinates: &[f64]) -> f64 {
-        self.terms.iter().map(|&(c, weight)| weight * coordinates[c]).sum()
+    pub fn argument<T: Scalar>(&self, coordinates: &[T]) -> T {
+        self.terms.iter().map(|&(c, weight)| coordinates[c] * weight).sum()
+    }
+
+    /// f, f′ and f″ at u.
+    pub fn bent<T: Scalar>(&self, argument: T) -> [T; 3] {
+        let [f0, f1, f2, f3, f4] = self.at(argument.re());
+        // A real number has no infinitesimal part.
+        let h = argument - argument.re();
+        let from = |[a, b, c]: [f64; 3]| (h * (0.5 * c) + b) * h + a;
+        [from([f0, f1, f2]), from([f1, f2, f3]), from([f2, f3, f4])]
     }
 
     /// f and its derivatives at u.

@@ -50,6 +50,9 @@ pub enum Level {
 
 pub const LEVELS: [Level; 4] = [Level::Coordinate, Level::Speed, Level::Acceleration, Level::Virtual];
 
+/// Receives a second derivative: level and coordinate, twice, and its value.
+pub type EachPair<'e> = &'e mut dyn FnMut((Level, usize), (Level, usize), f64);
+
 /// Values over all coordinates of a tree.
 #[derive(Clone, Copy, Debug)]
 pub struct State<'a> {
@@ -189,33 +192,36 @@ impl<'t> Dynamics<'t> {
         self.links.iter().map(|at| (at.twist[0], at.twist[1])).collect()
     }
 
-    /// Hands the second derivatives of S to `each`, both of a symmetric pair, in parts that add up.
-    pub fn second_derivatives(&self, each: &mut dyn FnMut((Level, usize), (Level, usize), f64)) {
+    /// Hands second derivatives of S to `each`, in parts that add up: by those pairs of levels that `pairs` lists, of the
+    /// coordinates of the links that `links` says.
+    pub fn second_derivatives(&self, links: &[bool], pairs: &[(Level, Level)], each: EachPair<'_>) {
         let changes: Vec<[Change; 4]> = self.links.iter().map(At::changes).collect();
         let jacobians: Vec<Matrix4<f64>> = self.links.iter().map(At::jacobian).collect();
-        for (k, (link, at)) in self.tree.links.iter().zip(&self.links).enumerate() {
+        for k in (0..self.links.len()).filter(|&k| links[k]) {
+            let at = &self.links[k];
             let receivers = at.receivers(&changes[k]);
-            let mut above = Some(k);
-            while let Some(j) = above {
+            for j in std::iter::successors(Some(k), |&j| self.tree.links[j].parent).filter(|&j| links[j]) {
                 let of_pair = Matrix4::from_fn(|p, q| receivers[p].applied_to(&changes[j][q]));
                 let mut block = jacobians[k].transpose() * of_pair * jacobians[j];
                 if j == k {
                     block += at.bend(&changes[k]);
                 }
-                for &(c, weight) in &link.drive.terms {
-                    for &(other, factor) in &self.tree.links[j].drive.terms {
-                        for (p, level) in LEVELS.into_iter().enumerate() {
-                            for (q, level_above) in LEVELS.into_iter().enumerate() {
-                                let value = weight * factor * block[(p, q)];
-                                each((level, c), (level_above, other), value);
-                                if j != k {
-                                    each((level_above, other), (level, c), value);
-                                }
-                            }
-                        }
+                self.hand_out(&block, (k, j), pairs, each);
+            }
+        }
+    }
+
+    /// The block of second derivatives by the drives' arguments of link k (rows) and link j, which carries it or is it.
+    fn hand_out(&self, block: &Matrix4<f64>, (k, j): (usize, usize), pairs: &[(Level, Level)], each: EachPair<'_>) {
+        for &(one, weight) in &self.tree.links[k].drive.terms {
+            for &(other, factor) in &self.tree.links[j].drive.terms {
+                let value = |p: Level, q: Level| weight * factor * block[(p as usize, q as usize)];
+                for &(p, q) in pairs {
+                    each((p, one), (q, other), value(p, q));
+                    if j != k {
+                        each((p, other), (q, one), value(q, p));
                     }
                 }
-                above = self.tree.links[j].parent;
             }
         }
     }

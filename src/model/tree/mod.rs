@@ -6,15 +6,17 @@
 
 mod drive;
 pub mod dynamics;
+pub mod pose;
 pub mod screw;
 
 use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::Vector3;
 
+use crate::numerics::Scalar;
 use crate::skeleton::frame::{Frame, Vector, unit};
 use crate::skeleton::{Axis, Motion, Skeleton};
-use drive::{Drive, Part};
+pub use drive::{Drive, Part};
 use screw::{MassProperties, Screw, screw};
 
 /// A tree of links.
@@ -37,7 +39,7 @@ pub struct Link {
     /// Where it is in its parent at s = 0.
     before: Frame<f64>,
     axis: LinkAxis,
-    drive: Drive,
+    pub drive: Drive,
     /// In the link's own frame.
     mass: MassProperties,
 }
@@ -52,10 +54,10 @@ enum LinkAxis {
 }
 
 impl LinkAxis {
-    fn frame(&self, s: f64) -> Frame<f64> {
+    fn frame<T: Scalar>(&self, s: T) -> Frame<T> {
         match self {
             Self::Turns(axis) => Frame::rotation(*axis, s),
-            Self::Slides(direction) => Frame { origin: direction.map(|x| x * s), ..Frame::identity() },
+            Self::Slides(direction) => Frame { origin: direction.map(|x| s * x), ..Frame::identity() },
         }
     }
 
@@ -100,6 +102,12 @@ impl Tree {
         tree
     }
 
+    /// Links with mass, and their centres of mass in their own frames (m).
+    pub fn centres_of_mass(&self) -> impl Iterator<Item = (usize, Vector)> {
+        let with_mass = self.links.iter().enumerate().filter(|(_, link)| link.mass.mass > 0.0);
+        with_mass.map(|(k, link)| (k, (link.mass.moment / link.mass.mass).into()))
+    }
+
     /// A coordinate of a joint on an ellipsoid that follows another one, which is not supported.
     pub fn unsupported(skeleton: &Skeleton) -> Option<&str> {
         let on_ellipsoids = skeleton.joints.iter().filter(|joint| matches!(joint.motion, Motion::Ellipsoid { .. }));
@@ -115,19 +123,11 @@ impl Tree {
 
 /// The links of a joint: a fixed frame before the link, its axis, and what moves it.
 fn motion(skeleton: &Skeleton, motion: &Motion) -> Vec<(Frame<f64>, LinkAxis, Drive)> {
-    let drive = |coordinate: usize, by: Option<Part>| {
-        let (leader, follows) = match &skeleton.coordinates[coordinate].follows {
-            Some((leader, function)) => (*leader, Some(Part::Function(function.clone()))),
-            None => (coordinate, None),
-        };
-        Drive { terms: vec![(leader, 1.0)], functions: follows.into_iter().chain(by).collect() }
-    };
     match motion {
         Motion::Weld => Vec::new(),
         Motion::Axes { translations, rotations } => {
             let link = |axis: &Axis, kind: fn(Vector) -> LinkAxis, direction: Vector| {
-                let by = (!axis.by.is_identity()).then(|| Part::Function(axis.by.clone()));
-                (Frame::identity(), kind(direction), drive(axis.coordinate, by))
+                (Frame::identity(), kind(direction), Drive::by(skeleton, axis.coordinate, &axis.by))
             };
             let slides = translations.iter().map(|axis| link(axis, LinkAxis::Slides, axis.direction));
             slides.chain(rotations.iter().map(|axis| link(axis, LinkAxis::Turns, unit(&axis.direction)))).collect()

@@ -31,7 +31,7 @@ pub struct Contraction<'m> {
     pub muscle: &'m Musculotendon,
     /// F_o/W
     pub strength: f64,
-    /// q of all bodies, those of given motion last.
+    /// All coordinates, those of given motion last.
     pub coordinates: Span,
     pub activation: usize,
     pub length: usize,

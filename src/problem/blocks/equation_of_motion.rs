@@ -6,12 +6,12 @@
 //!
 //! | symbol | meaning | unit |
 //! |---|---|---|
-//! | q, q̇, q̈ | body coordinates and their derivatives | m, rad; per s; per s² |
+//! | q, q̇, q̈ | coordinates and their derivatives | m, rad; per s; per s² |
 //! | M | mass matrix | kg, kg m² |
 //! | g_ext | gravity and external forces | N, N m |
 //! | W | total weight, the unit of this equation | N |
 //!
-//! The quadratic velocity terms are those of Euler parameters; the thesis' planar bodies have none.
+//! The quadratic velocity terms are those of joint coordinates in space; the thesis' planar bodies have none.
 
 use crate::model::Mechanics;
 use crate::model::mechanics::{Level, Motion};
@@ -22,11 +22,11 @@ pub struct EquationOfMotion<'m> {
     pub mechanics: &'m dyn Mechanics,
     /// W, N
     pub weight: f64,
-    /// q of all bodies, those of given motion last.
+    /// All coordinates, those of given motion last.
     pub coordinates: Span,
-    /// q̇ of all bodies, where the equation has it.
+    /// Their rates, where the equation has them.
     pub velocities: Option<Span>,
-    /// q̈ of the bodies that move by forces.
+    /// Their accelerations.
     pub accelerations: Span,
     /// Three components of each external force; see [`Mechanics::force`].
     pub loads: Span,

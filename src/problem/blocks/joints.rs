@@ -20,7 +20,7 @@ use crate::problem::quantity::Span;
 
 pub struct Joints<'m> {
     pub mechanics: &'m dyn Mechanics,
-    /// q of all bodies, those of given motion last.
+    /// All coordinates, those of given motion last.
     pub coordinates: Span,
     pub reactions: Span,
     /// Rows of eq. (1).

@@ -13,13 +13,12 @@
 //! | W | total weight, the unit of eq. (1) | N |
 
 use super::along;
-use crate::model::Joint;
+use crate::model::DrivenCoordinate;
 use crate::problem::block::{Block, Order, Sink};
 use crate::problem::quantity::Span;
 
 pub struct Reserve<'m> {
-    /// The joint that θ belongs to.
-    pub joint: &'m Joint,
+    pub coordinate: DrivenCoordinate<'m>,
     /// T/W
     pub strength: f64,
     pub coordinates: Span,
@@ -32,27 +31,29 @@ pub struct Reserve<'m> {
 
 impl Block for Reserve<'_> {
     fn evaluate(&self, z: &[f64], out: &mut Sink<'_>) {
-        let slots: Vec<(usize, usize)> =
-            self.joint.slots().into_iter().enumerate().filter_map(|(i, slot)| Some((i, slot?))).collect();
         let q = self.coordinates.of(z);
         let pull = -self.strength * z[self.control];
         if out.wants(Order::Bends) {
             let lambda: Vec<f64> = self.motion.range().map(|row| out.multiplier(row)).collect();
-            let angle = self.joint.coordinate_value(&along(q, &lambda));
-            for (k, &(i, one)) in slots.iter().enumerate() {
-                out.bend(self.coordinates.at(one), self.control, -self.strength * angle.gradient[i].eps);
-                for &(j, other) in &slots[k..] {
-                    out.bend(self.coordinates.at(one), self.coordinates.at(other), pull * angle.hessian[i][j].eps);
+            let angle = self.coordinate.slopes(&along(q, &lambda));
+            // A linear θ bends nothing.
+            for (i, row) in angle.hessian.chunks_exact(angle.slots.len()).enumerate() {
+                let one = self.coordinates.at(angle.slots[i]);
+                out.bend(one, self.control, -self.strength * angle.gradient[i].eps);
+                for (&other, bend) in angle.slots.iter().zip(row).skip(i) {
+                    out.bend(one, self.coordinates.at(other), pull * bend.eps);
                 }
             }
             return;
         }
-        let angle = self.joint.coordinate_value(q);
-        for &(i, one) in &slots {
+        let angle = self.coordinate.slopes(q);
+        for (i, &one) in angle.slots.iter().enumerate() {
             out.value(self.motion.at(one), pull * angle.gradient[i]);
             out.slope(self.motion.at(one), self.control, -self.strength * angle.gradient[i]);
-            for &(j, other) in &slots {
-                out.slope(self.motion.at(one), self.coordinates.at(other), pull * angle.hessian[i][j]);
+        }
+        for (&one, row) in angle.slots.iter().zip(angle.hessian.chunks_exact(angle.slots.len())) {
+            for (&other, bend) in angle.slots.iter().zip(row) {
+                out.slope(self.motion.at(one), self.coordinates.at(other), pull * bend);
             }
         }
     }

@@ -21,11 +21,11 @@ use crate::problem::quantity::Span;
 
 pub struct Stabilisation<'m> {
     pub mechanics: &'m dyn Mechanics,
-    /// q of all bodies, those of given motion last.
+    /// All coordinates, those of given motion last.
     pub coordinates: Span,
-    /// q̇ of the bodies that move by forces.
+    /// Rates of those that move by forces.
     pub rates: Span,
-    /// v of all bodies.
+    /// v, with rates of the given coordinates.
     pub velocities: Span,
     /// η
     pub multipliers: Span,

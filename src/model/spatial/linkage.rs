@@ -1,0 +1,149 @@
+//! The joint coordinates of a spatial model: which of them move by forces, and where everything is in a pose.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::model::tree::pose::PlacedLink;
+use crate::model::tree::{Link, Tree};
+use crate::numerics::Scalar;
+use crate::skeleton::frame::{Frame, along, dot};
+use crate::skeleton::{Role, Skeleton};
+
+/// A tree of links, and who moves its coordinates.
+#[derive(Clone, Debug)]
+pub struct Linkage {
+    pub tree: Tree,
+    /// Coordinates of the skeleton that move by forces: the unknowns, in their order.
+    pub free: Vec<usize>,
+    /// Coordinates of the skeleton whose motion is given, in the order in which they follow the unknowns.
+    pub given: Vec<usize>,
+    /// Of each link: whether it moves by forces itself.
+    pub is_free: Vec<bool>,
+    /// Values of all coordinates in the default pose, which locked ones keep.
+    default: Vec<f64>,
+    /// Of each coordinate of the skeleton: which of the free and given ones it is.
+    number: Vec<Option<usize>>,
+    /// Tells poses of this linkage from those of others.
+    id: u64,
+}
+
+/// Everything that depends on the pose alone.
+#[derive(Debug)]
+pub struct Pose {
+    /// Values of all coordinates of the skeleton; those that follow others are not up to date.
+    pub coordinates: Vec<f64>,
+    pub links: Vec<PlacedLink<f64>>,
+}
+
+/// Linkage, coordinates and pose.
+type CachedPose = (u64, Vec<f64>, Rc<Pose>);
+
+thread_local! {
+    /// The last pose, because all muscles ask for the same one after another.
+    static LAST: RefCell<Option<CachedPose>> = const { RefCell::new(None) };
+}
+
+impl Linkage {
+    pub fn new(skeleton: &Skeleton) -> Self {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let count = skeleton.coordinates.len();
+        let mut moved_by_forces = vec![false; count];
+        for joint in skeleton.joints.iter().filter(|joint| skeleton.bodies[joint.child].role == Role::Free) {
+            joint.motion.coordinates().into_iter().for_each(|c| moved_by_forces[c] = true);
+        }
+        let moves = |c: &usize| !skeleton.coordinates[*c].locked && skeleton.coordinates[*c].follows.is_none();
+        let (free, given): (Vec<usize>, Vec<usize>) = (0..count).filter(moves).partition(|&c| moved_by_forces[c]);
+        let mut number = vec![None; count];
+        free.iter().chain(&given).enumerate().for_each(|(i, &c)| number[c] = Some(i));
+        let (tree, default) = (Tree::new(skeleton), skeleton.default_pose());
+        let is_free = |link: &Link| link.drive.terms.iter().any(|&(c, _)| number[c].is_some_and(|i| i < free.len()));
+        let is_free = tree.links.iter().map(is_free).collect();
+        Self { tree, free, given, is_free, default, number, id: NEXT.fetch_add(1, Ordering::Relaxed) }
+    }
+
+    /// The number of a coordinate of the skeleton among those that move by forces.
+    pub fn free_number(&self, coordinate: usize) -> Option<usize> {
+        self.number[coordinate].filter(|&i| i < self.free.len())
+    }
+
+    /// The number of a coordinate of the skeleton among the free and the given ones.
+    pub fn number(&self, coordinate: usize) -> Option<usize> {
+        self.number[coordinate]
+    }
+
+    /// Values of the free and the given coordinates in the default pose.
+    pub fn default_coordinates(&self) -> Vec<f64> {
+        self.free.iter().chain(&self.given).map(|&c| self.default[c]).collect()
+    }
+
+    /// Values of the skeleton's coordinates, from those of the free and the given ones. The given ones may be missing: they
+    /// are then in their default pose.
+    pub fn coordinates<T: Scalar>(&self, q: &[T]) -> Vec<T> {
+        let mut all: Vec<T> = self.default.iter().map(|&x| T::from(x)).collect();
+        self.free.iter().chain(&self.given).zip(q).for_each(|(&c, &value)| all[c] = value);
+        all
+    }
+
+    /// Rates or accelerations of the skeleton's coordinates, from those of the free and the given ones.
+    pub fn rates(&self, rates: &[f64]) -> Vec<f64> {
+        let mut all = vec![0.0; self.number.len()];
+        self.free.iter().chain(&self.given).zip(rates).for_each(|(&c, &rate)| all[c] = rate);
+        all
+    }
+
+    pub fn pose(&self, q: &[f64]) -> Rc<Pose> {
+        LAST.with_borrow_mut(|last| match last {
+            Some((id, at, pose)) if *id == self.id && at == q => pose.clone(),
+            _ => {
+                let coordinates = self.coordinates(q);
+                let pose = Rc::new(Pose { links: self.tree.pose(&coordinates), coordinates });
+                *last = Some((self.id, q.to_vec(), pose.clone()));
+                pose
+            }
+        })
+    }
+
+    /// The frames of all bodies.
+    pub fn frames(&self, q: &[f64]) -> Vec<Frame<f64>> {
+        let pose = self.pose(q);
+        let frame = |&(link, inner): &(Option<usize>, Frame<f64>)| link.map_or(inner, |k| pose.links[k].frame * inner);
+        self.tree.places.iter().map(frame).collect()
+    }
+
+    /// The links that carry a link, the outermost first, and the link itself.
+    pub fn chain(&self, link: Option<usize>) -> Vec<usize> {
+        let mut chain: Vec<usize> = std::iter::successors(link, |&k| self.tree.links[k].parent).collect();
+        chain.reverse();
+        chain
+    }
+
+    /// Whether forces move a body.
+    pub fn moves(&self, body: usize) -> bool {
+        self.chain(self.tree.places[body].0).into_iter().any(|link| self.is_free[link])
+    }
+
+    /// By how much each coordinate that moves by forces turns (rad) what it carries and moves the centres of mass (m) of it,
+    /// as the root of a sum of squares over links with mass; in the default pose.
+    pub fn reach(&self) -> Vec<f64> {
+        let pose = self.pose(&self.default_coordinates());
+        let mut squares = vec![0.0; self.free.len()];
+        for (link, centre) in self.tree.centres_of_mass() {
+            let centre = pose.links[link].frame.point(&centre);
+            let mut turns = vec![[0.0; 3]; self.free.len()];
+            let mut moves = turns.clone();
+            for carrier in self.chain(Some(link)) {
+                let placed = &pose.links[carrier];
+                for &(c, weight) in &self.tree.links[carrier].drive.terms {
+                    let Some(i) = self.free_number(c) else { continue };
+                    let factor = weight * placed.slope;
+                    turns[i] = along(&turns[i], factor, &placed.turn());
+                    moves[i] = along(&moves[i], factor, &placed.moves_point(&centre));
+                }
+            }
+            let both = turns.iter().zip(&moves);
+            squares.iter_mut().zip(both).for_each(|(sum, (turn, way))| *sum += dot(turn, turn) + dot(way, way));
+        }
+        squares.into_iter().map(f64::sqrt).collect()
+    }
+}
