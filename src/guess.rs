@@ -74,7 +74,7 @@ impl<'g> Guess<'g> {
             let at =
                 |derivative| -> Vec<f64> { coordinates.iter().map(|c| coordinate.value(c, t, derivative)).collect() };
             let Loads { force, reaction, control } = distribute_load(inverse, t, [&at(0), &at(1), &at(2)], deadline)?;
-            let q = all_coordinates(inverse, t, &at(0));
+            let q = inverse.all_coordinates(t, &at(0));
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let mut path = muscle.path.buffer();
                 muscle.path.length(&q, false, &mut path);
@@ -193,13 +193,6 @@ pub fn fit(space: &SplineSpace, times: &[f64], values: &[f64], smooth: f64) -> O
     }
     matrix.solve(&mut right)?;
     Some(right)
-}
-
-/// All coordinates, those of given motion last.
-fn all_coordinates(inverse: &InverseProblem<'_>, t: f64, q: &[f64]) -> Vec<f64> {
-    let mut all = inverse.motion.all.of(&inverse.control.given_at(t)).to_vec();
-    all[..q.len()].copy_from_slice(q);
-    all
 }
 
 /// The loads at one instant.

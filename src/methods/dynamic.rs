@@ -271,9 +271,9 @@ pub fn goals(
     settings: &Settings,
 ) -> Vec<Goal> {
     let model = inverse.model;
-    let weights = model.mechanics.tracking_weights();
-    let mut all =
-        vec![goals::tracking(inverse.motion.coordinate, &measurement.times, &measurement.coordinates, &weights)];
+    let (times, measured) = (&measurement.times, &measurement.coordinates);
+    let rows = times.iter().zip(measured).map(|(&t, q)| model.mechanics.tracking_rows(&inverse.all_coordinates(t, q)));
+    let mut all = vec![goals::tracking(inverse.motion.coordinate, times, measured, rows.collect())];
     if settings.mu > 0.0 {
         let instants = effort_instants(scheme, measurement, settings);
         let (activation, muscles) = (inverse.muscles.activation, model.muscles.len());

@@ -104,6 +104,13 @@ impl InverseProblem<'_> {
         }
     }
 
+    /// All coordinates at time t (s), those that move by forces being q.
+    pub fn all_coordinates(&self, t: f64, q: &[f64]) -> Vec<f64> {
+        let mut all = self.motion.all.of(&self.control.given_at(t)).to_vec();
+        all[..q.len()].copy_from_slice(q);
+        all
+    }
+
     /// The activation of a muscle at time t (s).
     pub fn activation_at(&self, scheme: &dyn Discretisation, t: f64, muscle: usize) -> Combination {
         scheme.at(t, self.muscles.activation, muscle, 0)

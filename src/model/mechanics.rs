@@ -100,8 +100,9 @@ pub trait Mechanics: std::fmt::Debug + Send + Sync {
     /// Numbers of bodies that move by forces, and of joints.
     fn bodies_and_joints(&self) -> (usize, usize);
 
-    /// Weights of the unknowns in the tracking term.
-    fn tracking_weights(&self) -> Vec<f64>;
+    /// The tracking term at a measured pose `q`: a sum of squares of these combinations of differences of the unknowns, each
+    /// with its factors.
+    fn tracking_rows(&self, q: &[f64]) -> Vec<Vec<(usize, f64)>>;
 
     /// Hands each constraint function to `each`.
     fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>);

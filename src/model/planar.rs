@@ -108,8 +108,8 @@ impl Mechanics for Planar {
         (self.bodies.len(), self.joints.len())
     }
 
-    fn tracking_weights(&self) -> Vec<f64> {
-        vec![1.0; self.coordinates()]
+    fn tracking_rows(&self, _q: &[f64]) -> Vec<Vec<(usize, f64)>> {
+        (0..self.coordinates()).map(|i| vec![(i, 1.0)]).collect()
     }
 
     fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>) {

@@ -67,15 +67,14 @@ impl Solution<'_> {
 
     /// The measured coordinates at the measured instants, and the solution's there.
     fn push_measured(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool)) {
-        let (model, motion) = (self.model(), &self.inverse.motion);
+        let model = self.model();
         let names = model.mechanics.coordinate_names();
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
             for (i, name) in names.iter().enumerate() {
                 push(t, "measured", name, measured[i], false);
                 push(t, "coordinate", name, self.coordinate(t, 0, i), false);
             }
-            let mut all = motion.all.of(&self.inverse.control.given_at(t)).to_vec();
-            all[..measured.len()].copy_from_slice(measured);
+            let all = self.inverse.all_coordinates(t, measured);
             for (name, value) in model.mechanics.joint_coordinate_values(&all) {
                 push(t, "measured_joint_coordinate", name, value, false);
             }

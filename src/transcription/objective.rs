@@ -42,14 +42,18 @@ impl Objective {
         for goal in all {
             let start = residual_data.len();
             for sample in &goal.samples {
-                let terms = scheme.at(sample.time, sample.quantity, sample.member, 0).into_iter();
+                let of_member = |&(member, factor): &(usize, f64)| {
+                    let own = scheme.at(sample.time, sample.quantity, member, 0).into_iter();
+                    own.map(move |(i, weight)| (i, factor * weight))
+                };
+                let terms = sample.members.iter().flat_map(of_member);
                 if goal.shape == Shape::Square {
                     let row = residual_data.len();
                     triplets.extend(terms.map(|(i, weight)| (row, i, sample.weight * weight)));
                     residual_data.push(sample.weight * sample.target);
                 } else {
                     functions.extend(terms.map(|(i, weight)| (parts.len(), i, weight)));
-                    parts.push((goal.shape, *sample));
+                    parts.push((goal.shape, sample.clone()));
                 }
             }
             goals.push((goal.name, start..residual_data.len()));

@@ -4,10 +4,12 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use nalgebra::DMatrix;
+
 use crate::model::tree::pose::PlacedLink;
 use crate::model::tree::{Link, Tree};
 use crate::numerics::Scalar;
-use crate::skeleton::frame::{Frame, along, dot};
+use crate::skeleton::frame::Frame;
 use crate::skeleton::{Role, Skeleton};
 
 /// A tree of links, and who moves its coordinates.
@@ -123,27 +125,24 @@ impl Linkage {
         self.chain(self.tree.places[body].0).into_iter().any(|link| self.is_free[link])
     }
 
-    /// By how much each coordinate that moves by forces turns (rad) what it carries and moves the centres of mass (m) of it,
-    /// as the root of a sum of squares over links with mass; in the default pose.
-    pub fn reach(&self) -> Vec<f64> {
-        let pose = self.pose(&self.default_coordinates());
-        let mut squares = vec![0.0; self.free.len()];
+    /// How far the coordinates that move by forces turn (rad) what they carry and move its centres of mass (m): the sum of
+    /// ω_iᵀ ω_j + v_iᵀ v_j over links with mass.
+    pub fn metric(&self, q: &[f64]) -> DMatrix<f64> {
+        let (pose, n) = (self.pose(q), self.free.len());
+        let mut metric = DMatrix::zeros(n, n);
         for (link, centre) in self.tree.centres_of_mass() {
             let centre = pose.links[link].frame.point(&centre);
-            let mut turns = vec![[0.0; 3]; self.free.len()];
-            let mut moves = turns.clone();
+            let mut moves: DMatrix<f64> = DMatrix::zeros(6, n);
             for carrier in self.chain(Some(link)) {
                 let placed = &pose.links[carrier];
                 for &(c, weight) in &self.tree.links[carrier].drive.terms {
                     let Some(i) = self.free_number(c) else { continue };
-                    let factor = weight * placed.slope;
-                    turns[i] = along(&turns[i], factor, &placed.turn());
-                    moves[i] = along(&moves[i], factor, &placed.moves_point(&centre));
+                    let both = placed.turn().into_iter().chain(placed.moves_point(&centre));
+                    both.enumerate().for_each(|(axis, x)| moves[(axis, i)] += weight * placed.slope * x);
                 }
             }
-            let both = turns.iter().zip(&moves);
-            squares.iter_mut().zip(both).for_each(|(sum, (turn, way))| *sum += dot(turn, turn) + dot(way, way));
+            metric += moves.tr_mul(&moves);
         }
-        squares.into_iter().map(f64::sqrt).collect()
+        metric
     }
 }

@@ -29,6 +29,9 @@ use linkage::Linkage;
 use loops::{Loop, ROWS};
 use path::SpatialPath;
 
+/// See [`Spatial::tracking_rows`].
+const OWN_SHARE: f64 = 1e-3;
+
 #[derive(Clone, Debug)]
 pub struct Spatial {
     pub skeleton: Arc<Skeleton>,
@@ -212,10 +215,18 @@ impl Mechanics for Spatial {
         (bodies, joints.count() + self.loops.len())
     }
 
-    /// How far all that it carries turns (rad) and its centres of mass move (m), in the default pose: near the thesis'
-    /// metric, where all bodies' coordinates are tracked.
-    fn tracking_weights(&self) -> Vec<f64> {
-        self.linkage.reach()
+    /// The thesis tracks the coordinates of all bodies. To first order their squared difference is Δθᵀ M Δθ, M summing how far
+    /// all links with mass turn (rad) and their centres of mass move (m); the rows are those of M's Cholesky factor.
+    ///
+    /// DEPARTURE [thesis, Paper B, eq. 16]: the diagonal of M is enlarged by [`OWN_SHARE`], so that coordinates about the same
+    /// axis, as in a hanging arm, are tracked one by one too.
+    fn tracking_rows(&self, q: &[f64]) -> Vec<Vec<(usize, f64)>> {
+        let mut metric = self.linkage.metric(q);
+        let n = metric.nrows();
+        (0..n).for_each(|i| metric[(i, i)] *= 1.0 + OWN_SHARE);
+        let alone = DMatrix::from_diagonal(&metric.diagonal().map(f64::sqrt));
+        let factor = metric.cholesky().map_or(alone, |cholesky| cholesky.unpack());
+        (0..n).map(|k| (k..n).map(|i| (i, factor[(i, k)])).filter(|(_, factor)| *factor != 0.0).collect()).collect()
     }
 
     fn constraint_functions(&self, q: &[f64], each: EachConstraint<'_, f64>) {

@@ -30,7 +30,7 @@ fn samples(
     let sample = |(time, instant): (f64, f64), (member, weight): (usize, &f64)| Sample {
         time,
         quantity,
-        member,
+        members: vec![(member, 1.0)],
         weight: weight * of_weight(instant),
         target: 0.0,
     };

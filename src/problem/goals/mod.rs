@@ -1,9 +1,9 @@
 //! The parts of the objective, by name.
 //!
-//! Each is a sum over instants, of a convex function φ of one function of time:
+//! Each is a sum over instants, of a convex function φ of functions of time y, or of a sum of them:
 //!
 //! ```text
-//! Σ_k w_k φ(y(t_k) − ŷ_k)
+//! Σ_k w_k φ(Σ_i c_i y_i(t_k) − ŷ_k)
 //! ```
 //!
 //! Where φ(e) = e²/2 it is a part of the least-squares objective: rows of J and b.
@@ -47,12 +47,13 @@ impl Shape {
 }
 
 /// One term of the sum.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Sample {
     /// s
     pub time: f64,
     pub quantity: QuantityId,
-    pub member: usize,
+    /// (i, c_i)
+    pub members: Vec<(usize, f64)>,
     pub weight: f64,
     /// ŷ
     pub target: f64,
