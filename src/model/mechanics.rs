@@ -91,8 +91,9 @@ pub trait Mechanics: std::fmt::Debug + Send + Sync {
         Vec::new()
     }
 
-    /// Values of the joint coordinates (rad, m), of a spatial model those that move by forces and its turns.
-    fn joint_coordinate_values(&self, q: &[f64]) -> Vec<(&str, f64)>;
+    /// Values of the joint coordinates (rad, m), of a spatial model those that move by forces and its turns. `near`: values
+    /// before, from which those of ball joints are found, and which are brought up to date.
+    fn joint_coordinate_values(&self, q: &[f64], near: &mut Vec<f64>) -> Vec<(&str, f64)>;
 
     /// Total mass (kg) of the bodies that move by forces, and the size of gravity, m/s².
     fn mass_and_gravity(&self) -> (f64, f64);

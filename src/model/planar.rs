@@ -96,7 +96,7 @@ impl Mechanics for Planar {
         self.coordinates_of_joints().map(|(_, name)| name).collect()
     }
 
-    fn joint_coordinate_values(&self, q: &[f64]) -> Vec<(&str, f64)> {
+    fn joint_coordinate_values(&self, q: &[f64], _near: &mut Vec<f64>) -> Vec<(&str, f64)> {
         self.coordinates_of_joints().map(|(joint, name)| (name, joint.coordinate_value(q).value)).collect()
     }
 

@@ -161,8 +161,19 @@ impl JointMotion {
     /// Coordinates that move by forces, the nearest to those before.
     pub fn measured(&self, t: f64, before: Option<&[f64]>) -> Vec<f64> {
         let linkage = &self.spatial.linkage;
-        let near = before.map(|before| linkage.coordinates(before));
-        let pose = self.changed_pose(t, &self.changed_coordinates(|role| role == Role::Free), near.as_deref());
+        let before = before.map(|before| linkage.coordinates(before));
+        // A ball joint's own coordinates are not among those before: the motion's are as near.
+        let near = before.as_ref().map(|before| {
+            let mut near = self.pose(t);
+            let own = near.len();
+            linkage.free.iter().filter(|c| **c < own).for_each(|&c| near[c] = before[c]);
+            near
+        });
+        let mut pose = self.changed_pose(t, &self.changed_coordinates(|role| role == Role::Free), near.as_deref());
+        for (k, ball) in linkage.balls.iter().enumerate() {
+            let near = [0, 1, 2].map(|i| before.as_ref().map_or(0.0, |before| before[linkage.ball_angle(k, i)]));
+            pose.extend(ball.angles(&self.spatial.skeleton.joints[ball.joint].motion.frame(&pose), near));
+        }
         linkage.free.iter().map(|&c| pose[c]).collect()
     }
 

@@ -114,6 +114,7 @@ pub fn joint<'d>(reader: &Reader<'d>, found: &Found<'d>, notes: &mut Notes) -> R
         child_rotation: [0.0; 3],
         translations: Vec::new(),
         rotations: Vec::new(),
+        ball: false,
         radii: None,
         coordinates: None,
     };

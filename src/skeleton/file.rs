@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::ball::Ball;
 use super::frame::Frame;
 use super::function::{Function, FunctionEntry};
 use super::path::{Move, MusclePath, Obstacle, PathPoint};
@@ -202,6 +203,11 @@ pub struct JointEntry {
     /// Of an `axes` joint: rotations. Each one also rotates the axes after it.
     #[serde(default)]
     pub rotations: Vec<AxisEntry>,
+    /// Of an `axes` joint with three rotations: whether a study takes angles as unknowns that are regular where these
+    /// coordinates are singular, as in a shoulder with a plane of elevation when the arm hangs. Motion files, results and
+    /// changes of the motion keep the coordinates.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub ball: bool,
     /// Of an ellipsoid joint: radii along x, y and z, m.
     pub radii: Option<[f64; 3]>,
     /// Of an ellipsoid joint: the coordinates of abduction, elevation, upward rotation and winging.
@@ -654,7 +660,7 @@ impl Body {
 impl Joint {
     fn of_ground(child: usize) -> Self {
         let (in_parent, in_child) = (Frame::identity(), Frame::identity());
-        Self { name: GROUND.to_owned(), parent: None, child, in_parent, in_child, motion: Motion::Weld }
+        Self { name: GROUND.to_owned(), parent: None, child, in_parent, in_child, motion: Motion::Weld, ball: false }
     }
 }
 
@@ -750,6 +756,9 @@ impl JointEntry {
         if self.kind != JointEntryKind::Ellipsoid && (self.radii.is_some() || self.coordinates.is_some()) {
             return mismatch("kind", "radii and coordinates require kind = \"ellipsoid\"");
         }
+        if self.ball && self.rotations.len() != 3 {
+            return mismatch("ball", "a ball joint has three rotations");
+        }
         for (key, values) in [
             ("parent_point", self.parent_point),
             ("parent_rotation", self.parent_rotation),
@@ -758,14 +767,19 @@ impl JointEntry {
         ] {
             finite(&place(key), &values)?;
         }
-        Ok(Joint {
+        let joint = Joint {
             name: self.name.clone(),
             parent,
             child: find("body", &names.bodies, &self.child, &place("child"))?,
             in_parent: Frame::placed(self.parent_point, self.parent_rotation),
             in_child: Frame::placed(self.child_point, self.child_rotation),
             motion,
-        })
+            ball: self.ball,
+        };
+        if self.ball && Ball::of(0, &joint).is_none() {
+            return mismatch("ball", "the rotations of a ball joint are its coordinates themselves, without functions");
+        }
+        Ok(joint)
     }
 }
 

@@ -4,6 +4,7 @@
 //! fixed points and points that move with a coordinate, and around wrapping surfaces. All quantities are functions of
 //! the joint coordinates q; moment arms are −∂L/∂q.
 
+pub mod ball;
 pub mod ellipsoid;
 pub mod file;
 pub mod frame;
@@ -132,6 +133,8 @@ pub struct Joint {
     pub in_parent: Frame<f64>,
     pub in_child: Frame<f64>,
     pub motion: Motion,
+    /// Whether a study has other angles as unknowns than its coordinates, see [`ball`].
+    pub ball: bool,
 }
 
 /// The motion that a joint allows its child. Coordinates are indices.
@@ -327,20 +330,6 @@ impl Skeleton {
     /// True if a joint cannot move in a study: it is a weld, or all its coordinates are locked.
     pub fn is_locked(&self, joint: &Joint) -> bool {
         joint.motion.coordinates().iter().all(|&c| self.coordinates[c].locked)
-    }
-
-    /// The joint in which the coordinate is the second of three rotations, with perpendicular first and second axes.
-    pub fn elevation_joint(&self, coordinate: usize) -> Option<&Joint> {
-        self.joints.iter().find(|joint| match &joint.motion {
-            Motion::Axes { rotations, .. } => {
-                rotations.len() == 3
-                    && rotations[1].coordinate == coordinate
-                    && rotations[1].by.is_identity()
-                    && frame::dot(&frame::unit(&rotations[0].direction), &frame::unit(&rotations[1].direction)).abs()
-                        < 1e-6
-            }
-            _ => false,
-        })
     }
 
     /// Index of the coordinate with this name.

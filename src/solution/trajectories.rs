@@ -23,6 +23,7 @@ impl Solution<'_> {
             });
         };
         self.push_measured(&mut push);
+        let mut near = Vec::new();
         // Functions of degree 0 ring at both ends.
         let rings = self.inverse.motion.velocity.is_none();
         let count = self.problem.scheme.points().len();
@@ -32,7 +33,7 @@ impl Solution<'_> {
             for (i, name) in model.mechanics.coordinate_names().iter().enumerate().filter(|_| complete) {
                 push(t, "acceleration", name, z[self.inverse.motion.accelerations.at(i)], end);
             }
-            for (name, value) in model.mechanics.joint_coordinate_values(q) {
+            for (name, value) in model.mechanics.joint_coordinate_values(q, &mut near) {
                 push(t, "joint_coordinate", name, value, false);
             }
             self.push_muscles(&mut push, (t, &z), complete);
@@ -69,13 +70,14 @@ impl Solution<'_> {
     fn push_measured(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool)) {
         let model = self.model();
         let names = model.mechanics.coordinate_names();
+        let mut near = Vec::new();
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
             for (i, name) in names.iter().enumerate() {
                 push(t, "measured", name, measured[i], false);
                 push(t, "coordinate", name, self.coordinate(t, 0, i), false);
             }
             let all = self.inverse.all_coordinates(t, measured);
-            for (name, value) in model.mechanics.joint_coordinate_values(&all) {
+            for (name, value) in model.mechanics.joint_coordinate_values(&all, &mut near) {
                 push(t, "measured_joint_coordinate", name, value, false);
             }
         }

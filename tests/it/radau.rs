@@ -62,7 +62,8 @@ fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<
     functions.extend((0..motion.q.count).map(|i| (motion.velocity.unwrap(), i)));
     functions.extend((0..nm).flat_map(|m| [(muscles.activation, m), (muscles.fibre_length, m)]));
     let mut x = vec![0.0; scheme.coefficients().total()];
-    let sample = |time, (quantity, member), target| Sample { time, quantity, members: vec![(member, 1.0)], weight: 1.0, target };
+    let sample =
+        |time, (quantity, member), target| Sample { time, quantity, members: vec![(member, 1.0)], weight: 1.0, target };
     let mut samples = Vec::new();
     for (&(quantity, member), &value) in functions.iter().zip(state) {
         samples.push(sample(0.0, (quantity, member), value));

@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 use crate::model::tree::pose::PlacedLink;
 use crate::model::tree::{Link, Tree};
 use crate::numerics::Scalar;
+use crate::skeleton::ball::Ball;
 use crate::skeleton::frame::Frame;
 use crate::skeleton::{Role, Skeleton};
 
@@ -16,15 +17,17 @@ use crate::skeleton::{Role, Skeleton};
 #[derive(Clone, Debug)]
 pub struct Linkage {
     pub tree: Tree,
-    /// Coordinates of the skeleton that move by forces: the unknowns, in their order.
+    /// Coordinates of the tree that move by forces: the unknowns. In their order, with the angles of a ball joint in the
+    /// place of its own coordinates.
     pub free: Vec<usize>,
-    /// Coordinates of the skeleton whose motion is given, in the order in which they follow the unknowns.
+    /// Coordinates whose motion is given, in the order in which they follow the unknowns.
     pub given: Vec<usize>,
+    pub balls: Vec<Ball>,
     /// Of each link: whether it moves by forces itself.
     pub is_free: Vec<bool>,
     /// Values of all coordinates in the default pose, which locked ones keep.
     default: Vec<f64>,
-    /// Of each coordinate of the skeleton: which of the free and given ones it is.
+    /// Of each coordinate of the tree: which of the free and given ones it is.
     number: Vec<Option<usize>>,
     /// Tells poses of this linkage from those of others.
     id: u64,
@@ -33,7 +36,7 @@ pub struct Linkage {
 /// Everything that depends on the pose alone.
 #[derive(Debug)]
 pub struct Pose {
-    /// Values of all coordinates of the skeleton; those that follow others are not up to date.
+    /// Values of all coordinates of the tree; those that follow others, and a ball joint's own, are not up to date.
     pub coordinates: Vec<f64>,
     pub links: Vec<PlacedLink<f64>>,
 }
@@ -55,21 +58,30 @@ impl Linkage {
             joint.motion.coordinates().into_iter().for_each(|c| moved_by_forces[c] = true);
         }
         let moves = |c: &usize| !skeleton.coordinates[*c].locked && skeleton.coordinates[*c].follows.is_none();
-        let (free, given): (Vec<usize>, Vec<usize>) = (0..count).filter(moves).partition(|&c| moved_by_forces[c]);
-        let mut number = vec![None; count];
+        let (mut free, given): (Vec<usize>, Vec<usize>) = (0..count).filter(moves).partition(|&c| moved_by_forces[c]);
+        let balls = skeleton.balls();
+        let tree = Tree::with_balls(skeleton, &balls);
+        let mut default = skeleton.default_pose();
+        for (k, ball) in balls.iter().enumerate() {
+            for (i, c) in ball.coordinates.iter().enumerate() {
+                free.iter_mut().filter(|free| *free == c).for_each(|free| *free = count + 3 * k + i);
+            }
+            let rotation = skeleton.joints[ball.joint].motion.frame(&default);
+            default.extend(ball.angles(&rotation, [0.0; 3]));
+        }
+        let mut number = vec![None; tree.coordinates];
         free.iter().chain(&given).enumerate().for_each(|(i, &c)| number[c] = Some(i));
-        let (tree, default) = (Tree::new(skeleton), skeleton.default_pose());
         let is_free = |link: &Link| link.drive.terms.iter().any(|&(c, _)| number[c].is_some_and(|i| i < free.len()));
         let is_free = tree.links.iter().map(is_free).collect();
-        Self { tree, free, given, is_free, default, number, id: NEXT.fetch_add(1, Ordering::Relaxed) }
+        Self { tree, free, given, balls, is_free, default, number, id: NEXT.fetch_add(1, Ordering::Relaxed) }
     }
 
-    /// The number of a coordinate of the skeleton among those that move by forces.
+    /// The number of a coordinate of the tree among those that move by forces.
     pub fn free_number(&self, coordinate: usize) -> Option<usize> {
         self.number[coordinate].filter(|&i| i < self.free.len())
     }
 
-    /// The number of a coordinate of the skeleton among the free and the given ones.
+    /// The number of a coordinate of the tree among the free and the given ones.
     pub fn number(&self, coordinate: usize) -> Option<usize> {
         self.number[coordinate]
     }
@@ -79,7 +91,7 @@ impl Linkage {
         self.free.iter().chain(&self.given).map(|&c| self.default[c]).collect()
     }
 
-    /// Values of the skeleton's coordinates, from those of the free and the given ones. The given ones may be missing: they
+    /// Values of the tree's coordinates, from those of the free and the given ones. The given ones may be missing: they
     /// are then in their default pose.
     pub fn coordinates<T: Scalar>(&self, q: &[T]) -> Vec<T> {
         let mut all: Vec<T> = self.default.iter().map(|&x| T::from(x)).collect();
@@ -87,7 +99,25 @@ impl Linkage {
         all
     }
 
-    /// Rates or accelerations of the skeleton's coordinates, from those of the free and the given ones.
+    /// The ball joint that has this coordinate of the skeleton as one of its own, and which of the three.
+    pub fn ball_of(&self, coordinate: usize) -> Option<(usize, usize)> {
+        let at = |ball: &Ball| ball.coordinates.iter().position(|&c| c == coordinate);
+        self.balls.iter().enumerate().find_map(|(k, ball)| Some((k, at(ball)?)))
+    }
+
+    /// The coordinate of the tree that is the i-th angle of a ball joint.
+    pub fn ball_angle(&self, ball: usize, i: usize) -> usize {
+        self.tree.coordinates - 3 * (self.balls.len() - ball) + i
+    }
+
+    /// Coordinates of the skeleton that move by forces, in the order of the unknowns.
+    pub fn moved(&self) -> Vec<usize> {
+        let own = self.tree.coordinates - 3 * self.balls.len();
+        let moved = |&c: &usize| if c < own { c } else { self.balls[(c - own) / 3].coordinates[(c - own) % 3] };
+        self.free.iter().map(moved).collect()
+    }
+
+    /// Rates or accelerations of the tree's coordinates, from those of the free and the given ones.
     pub fn rates(&self, rates: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.number.len()];
         self.free.iter().chain(&self.given).zip(rates).for_each(|(&c, &rate)| all[c] = rate);

@@ -37,6 +37,8 @@ pub struct Spatial {
     pub skeleton: Arc<Skeleton>,
     pub linkage: Arc<Linkage>,
     loops: Vec<Loop>,
+    /// Names of the unknowns: of a ball joint's angles that of the joint with `_1`, `_2` and `_3`.
+    names: Vec<String>,
 }
 
 impl Spatial {
@@ -44,7 +46,13 @@ impl Spatial {
     pub fn new(skeleton: Arc<Skeleton>) -> Self {
         let linkage = Arc::new(Linkage::new(&skeleton));
         let loops = skeleton.held_points.iter().filter_map(|held| Loop::new(&linkage, held)).collect();
-        Self { skeleton, linkage, loops }
+        let own = skeleton.coordinates.len();
+        let name = |&c: &usize| match c.checked_sub(own) {
+            None => skeleton.coordinates[c].name.clone(),
+            Some(k) => format!("{}_{}", skeleton.joints[linkage.balls[k / 3].joint].name, k % 3 + 1),
+        };
+        let names = linkage.free.iter().map(name).collect();
+        Self { skeleton, linkage, loops, names }
     }
 
     /// The path of a muscle that moves something, otherwise `None`.
@@ -65,10 +73,6 @@ impl Spatial {
             dot(&long, &across).atan2(dot(&long, &rest))
         };
         self.skeleton.turns.iter().map(|turn| (turn.name.as_str(), reached(turn))).collect()
-    }
-
-    fn names(&self, coordinates: &[usize]) -> Vec<String> {
-        coordinates.iter().map(|&c| self.skeleton.coordinates[c].name.clone()).collect()
     }
 
     /// Calls `use_it` with the mechanism at a motion, λ being the virtual speeds of the coordinates that move by forces.
@@ -123,7 +127,7 @@ impl Mechanics for Spatial {
     }
 
     fn coordinate_names(&self) -> Vec<String> {
-        self.names(&self.linkage.free)
+        self.names.clone()
     }
 
     fn coordinates(&self) -> usize {
@@ -131,11 +135,11 @@ impl Mechanics for Spatial {
     }
 
     fn is_angle(&self, coordinate: usize) -> bool {
-        self.skeleton.coordinates[self.linkage.free[coordinate]].is_angle
+        self.skeleton.coordinates.get(self.linkage.free[coordinate]).is_none_or(|c| c.is_angle)
     }
 
     fn given_coordinate_names(&self) -> Vec<String> {
-        self.names(&self.linkage.given)
+        self.linkage.given.iter().map(|&c| self.skeleton.coordinates[c].name.clone()).collect()
     }
 
     fn has_velocity_terms(&self) -> bool {
@@ -163,11 +167,8 @@ impl Mechanics for Spatial {
     }
 
     fn driven_coordinates(&self) -> Vec<DrivenCoordinate<'_>> {
-        let driven = |(number, &c): (usize, &usize)| {
-            let coordinate = &self.skeleton.coordinates[c];
-            DrivenCoordinate::unknown(&coordinate.name, coordinate.is_angle, number)
-        };
-        self.linkage.free.iter().enumerate().map(driven).collect()
+        let numbered = self.names.iter().enumerate();
+        numbered.map(|(number, name)| DrivenCoordinate::unknown(name, self.is_angle(number), number)).collect()
     }
 
     fn coordinate_directions(&self, _q: &[f64]) -> Option<DMatrix<f64>> {
@@ -191,15 +192,28 @@ impl Mechanics for Spatial {
 
     /// Those that move by forces; all others stay at their defaults.
     fn needed_coordinates(&self) -> Vec<&str> {
-        self.linkage.free.iter().map(|&c| self.skeleton.coordinates[c].name.as_str()).collect()
+        self.linkage.moved().into_iter().map(|c| self.skeleton.coordinates[c].name.as_str()).collect()
     }
 
     fn measured_forces(&self) -> Vec<&str> {
         self.skeleton.forces.iter().filter(|f| f.force.is_none()).map(|f| f.name.as_str()).collect()
     }
 
-    fn joint_coordinate_values(&self, q: &[f64]) -> Vec<(&str, f64)> {
-        let named = self.linkage.free.iter().zip(q).map(|(&c, &x)| (self.skeleton.coordinates[c].name.as_str(), x));
+    fn joint_coordinate_values(&self, q: &[f64], near: &mut Vec<f64>) -> Vec<(&str, f64)> {
+        if near.is_empty() {
+            *near = self.skeleton.default_pose();
+        }
+        let own = near.len();
+        self.linkage.free.iter().zip(q).filter(|(c, _)| **c < own).for_each(|(&c, &x)| near[c] = x);
+        for (k, ball) in self.linkage.balls.iter().enumerate() {
+            let angle = |i: usize| q[self.linkage.free_number(self.linkage.ball_angle(k, i)).expect("an unknown")];
+            let turns = (0..3).map(|i| Frame::rotation(ball.axes[i], angle(i)));
+            let rotation = turns.fold(Frame::identity(), |frame, turn| frame * turn);
+            let motion = &self.skeleton.joints[ball.joint].motion;
+            let wanted = Frame { origin: motion.frame(near).origin, ..rotation };
+            motion.coordinates_of(&wanted, near).into_iter().for_each(|(c, value)| near[c] = value);
+        }
+        let named = self.linkage.moved().into_iter().map(|c| (self.skeleton.coordinates[c].name.as_str(), near[c]));
         named.chain(self.turns_reached(&self.linkage.frames(q))).collect()
     }
 
@@ -210,7 +224,8 @@ impl Mechanics for Spatial {
 
     fn bodies_and_joints(&self) -> (usize, usize) {
         let bodies = (0..self.skeleton.bodies.len()).filter(|&b| self.linkage.moves(b)).count();
-        let is_free = |c: usize| self.linkage.free_number(c).is_some();
+        let moved = self.linkage.moved();
+        let is_free = |c: usize| moved.contains(&c);
         let joints = self.skeleton.joints.iter().filter(|joint| joint.motion.coordinates().into_iter().any(is_free));
         (bodies, joints.count() + self.loops.len())
     }

@@ -51,7 +51,8 @@ impl Skeleton {
             return vec![Issue::new(&["body"], message, help)];
         }
         let mut found = Vec::new();
-        for (&c, _) in spatial.linkage.free.iter().zip(spatial.inertias()).filter(|(_, inertia)| *inertia < NO_MASS) {
+        let moved = spatial.linkage.moved();
+        for (&c, _) in moved.iter().zip(spatial.inertias()).filter(|(_, inertia)| *inertia < NO_MASS) {
             let help = "give a mass to one of the bodies that it moves, give its body the role \"given\", or lock it";
             let place = ["coordinate", self.coordinates[c].name.as_str()];
             found.push(Issue::new(&place, "the coordinate moves by forces, but moves no mass", help));
@@ -59,6 +60,7 @@ impl Skeleton {
         for muscle in &self.muscles {
             let Some(path) = spatial.path(muscle) else { continue };
             found.extend(self.obstacles_of_path(muscle));
+            found.extend(self.moves_with_ball(&spatial, muscle));
             if path.slots.len() + 2 * muscle.path.surfaces.len() > SLOTS {
                 let message = format!("the path depends on {} coordinates; at most {SLOTS}", path.slots.len());
                 found.push(Issue::new(&["muscle", &muscle.name, "path"], message, "split the muscle"));
@@ -73,6 +75,19 @@ impl Skeleton {
         let torus = surfaces.find(|surface| matches!(surface.shape, Shape::Torus { .. }))?;
         let message = format!("`{}` is a torus; second derivatives around a torus are not supported", torus.name);
         let help = "replace it by a cylinder or a path point";
+        Some(Issue::new(&["muscle", muscle.name.as_str(), "path"], message, help))
+    }
+
+    /// A point that moves or comes and goes with a coordinate of a ball joint that is no function of its angles.
+    fn moves_with_ball(&self, spatial: &Spatial, muscle: &Muscle) -> Option<Issue> {
+        let points = muscle.path.points.iter();
+        let mut by = points.flat_map(|p| p.moves.iter().map(|m| m.coordinate).chain(p.when.map(|(c, _)| c)));
+        let c = by.find(|&c| {
+            let ball = spatial.linkage.ball_of(c);
+            ball.is_some_and(|(k, i)| i != 1 || !spatial.linkage.balls[k].has_elevation())
+        })?;
+        let message = format!("a point moves with `{}`, a coordinate of a ball joint", self.coordinates[c].name);
+        let help = "only points that move with its second rotation are supported; remove `ball`, or fix the point";
         Some(Issue::new(&["muscle", muscle.name.as_str(), "path"], message, help))
     }
 }

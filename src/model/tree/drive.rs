@@ -25,6 +25,11 @@ pub enum Part {
 pub type Taylor = [f64; 5];
 
 impl Drive {
+    /// By a coordinate itself.
+    pub fn alone(coordinate: usize) -> Self {
+        Self { terms: vec![(coordinate, 1.0)], functions: Vec::new() }
+    }
+
     /// By a function of a coordinate, which may follow another one.
     pub fn by(skeleton: &Skeleton, coordinate: usize, function: &Function) -> Self {
         let follows = skeleton.coordinates[coordinate].follows.as_ref();

@@ -14,6 +14,7 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::Vector3;
 
 use crate::numerics::Scalar;
+use crate::skeleton::ball::Ball;
 use crate::skeleton::frame::{Frame, Vector, unit};
 use crate::skeleton::{Axis, Motion, Skeleton};
 pub use drive::{Drive, Part};
@@ -77,17 +78,31 @@ impl LinkAxis {
 impl Tree {
     /// The links of a skeleton without [`Tree::unsupported`] coordinates.
     pub fn new(skeleton: &Skeleton) -> Self {
+        Self::with_balls(skeleton, &[])
+    }
+
+    /// The same with the angles of ball joints as coordinates, three each, after those of the skeleton.
+    pub fn with_balls(skeleton: &Skeleton, balls: &[Ball]) -> Self {
         let ground = (None, Frame::identity());
         let mut tree = Self {
             links: Vec::new(),
             places: vec![ground; skeleton.bodies.len()],
-            coordinates: skeleton.coordinates.len(),
+            coordinates: skeleton.coordinates.len() + 3 * balls.len(),
             gravity: skeleton.gravity,
         };
-        for joint in &skeleton.joints {
+        for (number, joint) in skeleton.joints.iter().enumerate() {
             let (mut link, frame) = joint.parent.map_or(ground, |parent| tree.places[parent]);
             let mut before = frame * joint.in_parent;
-            for (turn, axis, drive) in motion(skeleton, &joint.motion) {
+            let mut motion = motion(skeleton, &joint.motion);
+            if let Some(k) = balls.iter().position(|ball| ball.joint == number) {
+                motion.truncate(motion.len() - 3);
+                let turns = balls[k].axes.into_iter().enumerate();
+                motion.extend(turns.map(|(i, axis)| {
+                    let coordinate = skeleton.coordinates.len() + 3 * k + i;
+                    (Frame::identity(), LinkAxis::Turns(axis), Drive::alone(coordinate))
+                }));
+            }
+            for (turn, axis, drive) in motion {
                 link = Some(tree.add(link, before * turn, axis, drive));
                 before = Frame::identity();
             }
@@ -141,12 +156,11 @@ fn motion(skeleton: &Skeleton, motion: &Motion) -> Vec<(Frame<f64>, LinkAxis, Dr
 fn ellipsoid(radii: Vector, [abduction, elevation, upward, winging]: [usize; 4]) -> Vec<(Frame<f64>, LinkAxis, Drive)> {
     let [x, y, z] = [0, 1, 2].map(|i| [0, 1, 2].map(|j| f64::from(i == j)));
     let quarter_turn = Frame::rotation(z, FRAC_PI_2);
-    let one = |coordinate: usize| Drive { terms: vec![(coordinate, 1.0)], functions: Vec::new() };
     let sine = |of_abduction: f64, amplitude: f64, phase: f64| Drive {
         terms: vec![(elevation, 1.0), (abduction, of_abduction)],
         functions: vec![Part::Sine { amplitude, phase }],
     };
-    let alone = Drive { functions: vec![Part::Sine { amplitude: radii[1], phase: 0.0 }], ..one(elevation) };
+    let alone = Drive { functions: vec![Part::Sine { amplitude: radii[1], phase: 0.0 }], ..Drive::alone(elevation) };
     let half = [0.5 * radii[0], 0.5 * radii[2]];
     let slides = [
         (x, alone),
@@ -158,8 +172,8 @@ fn ellipsoid(radii: Vector, [abduction, elevation, upward, winging]: [usize; 4])
     let turns = [(x, abduction), (y, elevation), (z, upward)];
     let mut links: Vec<(Frame<f64>, LinkAxis, Drive)> = Vec::new();
     links.extend(slides.map(|(axis, drive)| (Frame::identity(), LinkAxis::Slides(axis), drive)));
-    links.extend(turns.map(|(axis, coordinate)| (Frame::identity(), LinkAxis::Turns(axis), one(coordinate))));
+    links.extend(turns.map(|(axis, coordinate)| (Frame::identity(), LinkAxis::Turns(axis), Drive::alone(coordinate))));
     links[0].0 = quarter_turn;
-    links.push((quarter_turn.inverse(), LinkAxis::Turns(y), one(winging)));
+    links.push((quarter_turn.inverse(), LinkAxis::Turns(y), Drive::alone(winging)));
     links
 }

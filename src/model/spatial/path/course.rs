@@ -118,10 +118,9 @@ impl<'p> Course<'p> {
     /// Where a path point is in the ground's frame.
     pub fn position(path: &SpatialPath, pose: &Pose, point: usize) -> Vector {
         let PathPoint { on, point, moves, .. } = &path.points[point];
-        let local = moves.iter().fold(*point, |local, slide| {
-            let [distance, ..] = slide.drive.bent(slide.drive.argument(&pose.coordinates));
-            along(&local, distance, &slide.direction)
-        });
+        let local = moves
+            .iter()
+            .fold(*point, |local, slide| along(&local, slide.by.value(&pose.coordinates), &slide.direction));
         on.link.map_or(local, |link| pose.links[link].frame.point(&local))
     }
 
@@ -264,9 +263,9 @@ impl<'p> Course<'p> {
         let PathPoint { on, moves, .. } = &self.path.points[point];
         self.pull(on, &x, way, out);
         for slide in moves {
-            let [_, slope, _] = slide.drive.bent(slide.drive.argument(&self.pose.coordinates));
-            let slope = slope * dot(&turned(&self.frame(on), &slide.direction), way);
-            slide.terms.iter().for_each(|&(slot, weight)| out.gradient[slot] += weight * slope);
+            let along = dot(&turned(&self.frame(on), &slide.direction), way);
+            let moved = slide.by.at(&self.pose.coordinates);
+            moved.gradient.into_iter().for_each(|(slot, slope)| out.gradient[slot] += slope * along);
         }
     }
 
@@ -332,9 +331,9 @@ impl<'p> Course<'p> {
                 let PathPoint { on, moves, .. } = &self.path.points[point];
                 let mut moving = self.carried(on, x, OF_POINT);
                 for slide in moves {
-                    let [_, slope, _] = slide.drive.bent(slide.drive.argument(&self.pose.coordinates));
                     let way = turned(&self.frame(on), &slide.direction);
-                    slide.terms.iter().for_each(|&(slot, weight)| moving.add(slot, weight * slope, &way));
+                    let moved = slide.by.at(&self.pose.coordinates);
+                    moved.gradient.into_iter().for_each(|(slot, slope)| moving.add(slot, slope, &way));
                 }
                 moving
             }
@@ -380,15 +379,13 @@ impl<'p> Course<'p> {
         let PathPoint { on, moves, .. } = &self.path.points[point];
         self.add_carried(on, &x, OF_POINT, pull, sum);
         for slide in moves {
-            let [_, slope, bend] = slide.drive.bent(slide.drive.argument(&self.pose.coordinates));
+            let moved = slide.by.at(&self.pose.coordinates);
             let direction: Moving<N> = self.direction(on, &slide.direction);
             let mut slopes = [0.0; N];
-            slide.terms.iter().for_each(|&(slot, weight)| slopes[slot] += weight * slope);
+            moved.gradient.into_iter().for_each(|(slot, slope)| slopes[slot] += slope);
             sum.add_product(&direction.slopes_along(pull), &slopes);
-            let along = direction.along(pull) * bend;
-            for &(one, weight) in &slide.terms {
-                slide.terms.iter().for_each(|&(other, factor)| sum.hessian[one][other] += weight * factor * along);
-            }
+            let along = direction.along(pull);
+            moved.hessian.into_iter().for_each(|(one, other, bend)| sum.hessian[one][other] += along * bend);
         }
     }
 

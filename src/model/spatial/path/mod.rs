@@ -9,6 +9,7 @@
 //! has three continuous derivatives.
 
 mod course;
+mod mover;
 
 use std::sync::Arc;
 
@@ -16,7 +17,6 @@ use num_dual::Dual64;
 
 use super::linkage::Linkage;
 use crate::model::straight::PathLength;
-use crate::model::tree::Drive;
 use crate::skeleton::frame::{Frame, Vector};
 use crate::skeleton::function::Function;
 use crate::skeleton::surface::Shape;
@@ -24,6 +24,7 @@ use crate::skeleton::wrapping::Touch;
 use crate::skeleton::{self, Skeleton, path};
 pub use course::SLOTS;
 use course::{Course, surfaces};
+use mover::{Moved, Mover};
 
 /// Size of the step along a direction in which third derivatives are taken by differences.
 const STEP: f64 = 2e-6;
@@ -73,15 +74,13 @@ struct PathPoint {
 struct Slide {
     /// In the link's axes.
     direction: Vector,
-    drive: Drive,
-    terms: Vec<(usize, f64)>,
+    by: Mover,
 }
 
 /// The path passes through a point while a function of a coordinate is in a range.
 #[derive(Clone, Debug)]
 struct Condition {
-    drive: Drive,
-    terms: Vec<(usize, f64)>,
+    on: Mover,
     range: [f64; 2],
     width: f64,
 }
@@ -114,36 +113,33 @@ impl SpatialPath {
         links.sort_unstable();
         links.dedup();
         links.retain(|&link| linkage.is_free[link]);
-        let moves = path.points.iter().flat_map(|point| &point.moves);
-        let mover = |m: &path::Move| Drive::by(skeleton, m.coordinate, &m.by);
-        let condition = |c: usize| Drive::by(skeleton, c, &Function::identity());
-        let conditions = path.points.iter().filter_map(|point| point.when).map(|(c, _)| condition(c));
-        let drives = links.iter().map(|&link| linkage.tree.links[link].drive.clone());
-        let drives = drives.chain(moves.map(mover)).chain(conditions);
-        let numbers = |drive: Drive| drive.terms.into_iter().filter_map(|(c, _)| linkage.free_number(c));
-        let mut slots: Vec<usize> = drives.flat_map(numbers).collect();
+        let mover = |m: &path::Move| Mover::new(skeleton, linkage, m.coordinate, &m.by);
+        let condition = |c: usize| Mover::new(skeleton, linkage, c, &Function::identity());
+        let moves = path.points.iter().flat_map(|point| &point.moves).map(mover);
+        let movers = moves.chain(path.points.iter().filter_map(|point| point.when).map(|(c, _)| condition(c)));
+        let of_movers = movers.flat_map(|mover| mover.coordinates().to_vec());
+        let of_links = links.iter().flat_map(|&link| linkage.tree.links[link].drive.terms.iter().map(|(c, _)| *c));
+        let mut slots: Vec<usize> = of_movers.chain(of_links).filter_map(|c| linkage.free_number(c)).collect();
         slots.sort_unstable();
         slots.dedup();
-        let terms = |drive: &Drive| -> Vec<(usize, f64)> {
-            let slot = |c| slots.binary_search(&linkage.free_number(c)?).ok();
-            drive.terms.iter().filter_map(|&(c, weight)| Some((slot(c)?, weight))).collect()
+        let slot = |c: usize| slots.binary_search(&linkage.free_number(c)?).ok();
+        let terms = |link: usize| {
+            let terms = linkage.tree.links[link].drive.terms.iter();
+            terms.filter_map(|&(c, weight)| Some((slot(c)?, weight))).collect()
         };
-        let levers: Vec<Lever> =
-            (links.iter()).map(|&link| Lever { link, terms: terms(&linkage.tree.links[link].drive) }).collect();
+        let levers: Vec<Lever> = links.iter().map(|&link| Lever { link, terms: terms(link) }).collect();
         let carrier = |body: usize| {
             let link = place(body).0;
             let chain = linkage.chain(link);
             Carrier { link, levers: (0..links.len()).filter(|&k| chain.contains(&links[k])).collect() }
         };
         let slide = |frame: &Frame<f64>, moved: &path::Move| {
-            let drive = mover(moved);
             let direction = [0, 1, 2].map(|i| frame.axes[i][moved.component]);
-            Slide { direction, terms: terms(&drive), drive }
+            Slide { direction, by: mover(moved).placed(slot) }
         };
         let when = |(coordinate, range): (usize, [f64; 2])| {
-            let drive = condition(coordinate);
             let width = if skeleton.coordinates[coordinate].is_angle { SWITCH_ANGLE } else { SWITCH_DISTANCE };
-            Condition { terms: terms(&drive), drive, range, width }
+            Condition { on: condition(coordinate).placed(slot), range, width }
         };
         let points = (path.points.iter().enumerate())
             .map(|(number, point)| {
@@ -210,22 +206,17 @@ impl SpatialPath {
         weight.value = 1.0;
         let mut shares = vec![Share { active: Vec::with_capacity(self.points.len()), weight }];
         for (k, point) in self.points.iter().enumerate() {
-            let [share, slope, bend] = point.when.as_ref().map_or([1.0, 0.0, 0.0], |when| when.share(coordinates));
+            let share = point.when.as_ref().map_or(ALWAYS, |when| when.share(coordinates));
             let mut others = Vec::new();
-            if share < 1.0 {
-                let terms = &point.when.as_ref().expect("a point without a condition is always there").terms;
-                let scaled = |[value, slope, bend]: [f64; 3]| {
-                    let mut scaled = self.buffer();
-                    scaled.value = value;
-                    for &(i, weight) in terms {
-                        scaled.gradient[i] += slope * weight;
-                        for &(j, factor) in terms {
-                            scaled.hessian[i * self.slots.len() + j] += bend * weight * factor;
-                        }
-                    }
-                    scaled
-                };
-                let [with, without] = [[share, slope, bend], [1.0 - share, -slope, -bend]].map(scaled);
+            if share.value < 1.0 {
+                let [with, without] = [(0.0, 1.0), (1.0, -1.0)].map(|(start, factor)| {
+                    let mut weight = self.buffer();
+                    weight.value = start + factor * share.value;
+                    share.gradient.iter().for_each(|&(i, slope)| weight.gradient[i] += factor * slope);
+                    let n = self.slots.len();
+                    share.hessian.iter().for_each(|&(i, j, bend)| weight.hessian[i * n + j] += factor * bend);
+                    weight
+                });
                 for Share { active, weight } in &mut shares {
                     let mut other = self.buffer();
                     add_product(weight, &without, &mut other);
@@ -235,7 +226,7 @@ impl SpatialPath {
                     *weight = own;
                 }
             }
-            if share > 0.0 {
+            if share.value > 0.0 {
                 shares.iter_mut().for_each(|share| share.active.push(k));
                 shares.extend(others);
             } else {
@@ -278,16 +269,23 @@ impl SpatialPath {
     }
 }
 
+/// The share of a point without a condition.
+const ALWAYS: Moved = Moved { value: 1.0, gradient: Vec::new(), hessian: Vec::new() };
+
 impl Condition {
-    /// How far the point takes part, from 0 to 1, with derivatives by the drive's argument.
-    fn share(&self, coordinates: &[f64]) -> [f64; 3] {
-        let [x, slope, bend] = self.drive.bent(self.drive.argument(coordinates));
+    /// How far the point takes part, from 0 to 1.
+    fn share(&self, coordinates: &[f64]) -> Moved {
+        let mut x = self.on.at(coordinates);
         let [low, high] = self.range;
-        let (rising, falling) = (self.rise(x - low), self.rise(high - x));
-        let value = rising[0] * falling[0];
-        let first = rising[1] * falling[0] - rising[0] * falling[1];
-        let second = rising[2] * falling[0] - 2.0 * rising[1] * falling[1] + rising[0] * falling[2];
-        [value, first * slope, second * slope * slope + first * bend]
+        let (rising, falling) = (self.rise(x.value - low), self.rise(high - x.value));
+        let slope = rising[1] * falling[0] - rising[0] * falling[1];
+        let bend = rising[2] * falling[0] - 2.0 * rising[1] * falling[1] + rising[0] * falling[2];
+        x.value = rising[0] * falling[0];
+        let gradient = x.gradient.clone();
+        let of = |slot: usize| gradient.iter().find(|(own, _)| *own == slot).map_or(0.0, |(_, slope)| *slope);
+        x.hessian.iter_mut().for_each(|(i, j, second)| *second = bend * of(*i) * of(*j) + slope * *second);
+        x.gradient.iter_mut().for_each(|(_, own)| *own *= slope);
+        x
     }
 
     /// From 0 to 1 about x = 0.
