@@ -12,10 +12,10 @@ use crate::methods::inverse_dynamics::spatial::Movement;
 use crate::model::tree::Tree;
 use crate::motion::MotionTable;
 use crate::motion::columns::check_cutoff;
-use crate::motion::external_loads::{ExternalLoads, LoadsFile};
+use crate::motion::external_loads::ExternalLoads;
 use crate::names::counted;
-use crate::opensim;
 use crate::skeleton::Skeleton;
+use crate::study::loads::LoadSources;
 use crate::study::{is_spatial, load_skeleton};
 use crate::tables::Table;
 use crate::terminal::note;
@@ -54,8 +54,12 @@ impl Files {
         let window = window(arguments, &motion, &table)?;
         let mut loads = None;
         if let Some(path) = &arguments.loads {
-            let (found, source) = read_loads(path, &skeleton, arguments.force_smoothing)?;
-            covers(&source, "the loads", found.span, window)?;
+            let sources = LoadSources::read(path)?;
+            let (found, off) = sources.loads(&skeleton, arguments.force_smoothing)?;
+            if !off.is_empty() {
+                note(&format!("note: turned off in {}: {}", path.display(), off.join(", ")));
+            }
+            covers(&sources.table, "the loads", found.span, window)?;
             loads = Some(found);
         }
         let files = Self { skeleton, table, loads, window, smoothing_hz: arguments.smoothing };
@@ -136,36 +140,4 @@ pub fn window(arguments: &MovementArguments, file: &SourceFile, table: &MotionTa
         return refused(format!("{name}: the motion has no instant from {from} to {to} s"));
     }
     Ok([from, to])
-}
-
-/// Loads from OpenSim's `.xml`, or our own `.toml`; and the table with their columns.
-fn read_loads(path: &Path, skeleton: &Skeleton, smoothing_hz: f64) -> Result<(ExternalLoads, SourceFile)> {
-    let file = SourceFile::read(path)?;
-    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let (entries, (name, place)) = match ending.as_str() {
-        "xml" => {
-            let loads = opensim::external_loads::external_loads(&file)?;
-            if !loads.off.is_empty() {
-                note(&format!("note: turned off in {}: {}", path.display(), loads.off.join(", ")));
-            }
-            (loads.entries, loads.table)
-        }
-        "toml" => {
-            let loads: LoadsFile = toml::from_str(&file.text).map_err(|e| file.toml_error(&e))?;
-            let entries = loads.external_load.into_iter().map(|entry| (entry.get_ref().clone(), entry.span()));
-            (entries.collect(), (loads.table.get_ref().clone(), loads.table.span()))
-        }
-        _ => {
-            let message = format!("{}: loads are an ExternalLoads file (.xml) or a .toml", path.display());
-            let help = "a table of forces is named in such a file, which says what acts where: see --help".to_owned();
-            return Err(file.error(None, message, "", Some(help)));
-        }
-    };
-    let beside = path.parent().unwrap_or(Path::new(".")).join(&name);
-    if !beside.exists() {
-        let help = format!("the path is relative to {}", path.display());
-        return Err(file.error(Some(place), format!("there is no file {}", beside.display()), "here", Some(help)));
-    }
-    let table = SourceFile::read(&beside)?;
-    Ok((ExternalLoads::new(&file, &entries, &table, skeleton, smoothing_hz)?, table))
 }

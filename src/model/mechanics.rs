@@ -57,7 +57,8 @@ pub trait Mechanics: std::fmt::Debug + Send + Sync {
     /// Name of the reaction of each constraint, `joint.0` and so on.
     fn reaction_names(&self) -> Vec<String>;
 
-    /// Names of the components of the external forces: three each; of a planar one the third is its moment.
+    /// Names of the components of the external forces: three each; of a planar one the third is its moment. A load with a
+    /// moment in space counts as two.
     fn load_names(&self) -> Vec<String>;
 
     /// The external forces where nothing else is known of them, see [`Mechanics::force`].

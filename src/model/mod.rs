@@ -66,6 +66,18 @@ impl Model {
         Self { name: spatial.skeleton.name.clone(), actuators, mechanics: Arc::new(spatial), muscles }
     }
 
+    /// The same model with external loads on bodies of its skeleton: names and bodies. A planar one has none.
+    pub fn with_external(self, external: Vec<(String, usize)>) -> Self {
+        match self.spatial() {
+            Some(spatial) if !external.is_empty() => {
+                let mut spatial = spatial.clone();
+                spatial.external = external;
+                Self { mechanics: Arc::new(spatial), ..self }
+            }
+            _ => self,
+        }
+    }
+
     /// The mechanism of a planar model, `None` of a spatial one.
     pub fn planar(&self) -> Option<&Planar> {
         self.mechanics.as_any().downcast_ref()

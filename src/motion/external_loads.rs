@@ -52,7 +52,7 @@ fn ground() -> String {
 }
 
 /// Loads over time.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExternalLoads {
     pub loads: Vec<ExternalLoad>,
     /// First and last instant, s.
@@ -60,7 +60,7 @@ pub struct ExternalLoads {
 }
 
 /// A load over time.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExternalLoad {
     pub name: String,
     /// Index of the body.
@@ -68,7 +68,7 @@ pub struct ExternalLoad {
     course: Course,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 enum Course {
     /// Moment about the ground's origin and force, in its axes.
     Wrench { moment: Curve, force: Curve },

@@ -82,7 +82,7 @@ impl JointMotion {
 
     /// Values of all joint coordinates at time `t` (s), as the motion has them.
     fn pose(&self, t: f64) -> Vec<f64> {
-        let at = |function: &CoordinateFunction| function.at(self.start + t / self.time_scale, self.time_scale)[0];
+        let at = |function: &CoordinateFunction| function.at(self.clock(t), self.time_scale)[0];
         let mut pose: Vec<f64> = self.coordinates.iter().map(at).collect();
         self.spatial.skeleton.follow(&mut pose);
         pose
@@ -105,8 +105,13 @@ impl JointMotion {
         changed.map(|(k, _)| k).collect()
     }
 
+    /// The time of the motion table at time `t` (s).
+    pub fn clock(&self, t: f64) -> f64 {
+        self.start + t / self.time_scale
+    }
+
     /// Poses of all bodies of the skeleton at time `t` (s).
-    fn frames(&self, t: f64) -> Vec<Frame<f64>> {
+    pub fn frames(&self, t: f64) -> Vec<Frame<f64>> {
         let skeleton = &self.spatial.skeleton;
         let pose = self.pose(t);
         let moving = skeleton.frames(&pose);
@@ -192,7 +197,7 @@ impl JointMotion {
                 let [value, ..] = self.coordinates[c].at(self.start, self.time_scale);
                 return [value, 0.0, 0.0];
             }
-            self.coordinates[c].at(self.start + t / self.time_scale, self.time_scale)
+            self.coordinates[c].at(self.clock(t), self.time_scale)
         };
         let values: Vec<[f64; 3]> = self.spatial.linkage.given.iter().map(|&c| at(c)).collect();
         [0, 1, 2].map(|level| values.iter().map(|value| value[level]).collect())

@@ -241,8 +241,9 @@ impl MotionSettings {
                 None => over_time(&force.name, force.scale).unwrap_or(Load::Constant([0.0; 3])),
             })
             .collect();
-        let motion = (!spatial.linkage.given.is_empty()).then(|| Arc::new(self.joint_motion(table, spatial)));
-        Surroundings::new(loads, motion)
+        let is_needed = !spatial.linkage.given.is_empty() || table.loads.is_some();
+        let motion = is_needed.then(|| Arc::new(self.joint_motion(table, spatial)));
+        Surroundings::new(loads, table.loads.clone(), motion)
     }
 }
 

@@ -6,7 +6,9 @@
 //! the motion has the columns `<name>_x_n`, `<name>_y_n` and `<name>_z_n`.
 
 use std::path::Path;
+use std::sync::Arc;
 
+use super::external_loads::ExternalLoads;
 use super::text::{Row, TextTable, at_line};
 use crate::error::{Result, SourceFile, nearest};
 use crate::model::Model;
@@ -24,6 +26,10 @@ pub struct MotionTable {
     pub forces: Vec<(String, [Vec<f64>; 3])>,
     /// Remarks on data that are ignored, missing or contradict the model.
     pub notes: Vec<String>,
+    /// First and last instant of the part that is used, s; the whole table by default.
+    pub window: [f64; 2],
+    /// External loads on the bodies of a spatial model.
+    pub loads: Option<Arc<ExternalLoads>>,
 }
 
 /// What a motion can hold of a model.
@@ -118,6 +124,8 @@ impl MotionTable {
             columns: coordinates.collect(),
             forces: forces.iter().map(|name| ((*name).to_owned(), Default::default())).collect(),
             notes: text.notes.clone(),
+            window: [0.0; 2],
+            loads: None,
         };
         for row in &text.rows {
             table.add(file, row, &text.names, &columns)?;
@@ -126,6 +134,7 @@ impl MotionTable {
             let message = format!("the table has {}", counted(table.time.len(), "row"));
             return Err(text.error(file, message, "a motion needs at least four instants"));
         }
+        table.window = table.span();
         table.notes.extend(gap(&table.time));
         table.notes.extend(contradictions(&table, model));
         Ok(table)
@@ -186,14 +195,25 @@ impl MotionTable {
         self.forces.iter().find(|(force, _)| force == name).map(|(_, values)| values)
     }
 
-    /// The first instant, s.
+    /// The first instant that is used, s.
     pub fn start(&self) -> f64 {
-        self.time[0]
+        self.window[0]
     }
 
-    /// Last minus first instant, s.
+    /// Last minus first instant that is used, s.
     pub fn duration(&self) -> f64 {
-        self.time[self.time.len() - 1] - self.time[0]
+        self.window[1] - self.window[0]
+    }
+
+    /// First and last instant of the whole table, s.
+    pub fn span(&self) -> [f64; 2] {
+        [self.time[0], self.time[self.time.len() - 1]]
+    }
+
+    /// Instants per second.
+    pub fn rate(&self) -> f64 {
+        let [first, last] = self.span();
+        (self.time.len() - 1) as f64 / (last - first)
     }
 }
 

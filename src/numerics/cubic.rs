@@ -16,7 +16,7 @@ pub enum Ends {
 }
 
 /// A twice continuously differentiable piecewise cubic through points with increasing abscissae.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CubicSpline {
     points: Vec<(f64, f64)>,
     /// Second derivatives at the points.

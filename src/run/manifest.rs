@@ -174,11 +174,10 @@ impl Manifest {
         self.host.name = None;
         let study = &mut self.study;
         let sources = &mut self.sources;
-        for path in [&mut study.file, &mut study.model.file, &mut study.motion.file].into_iter().chain([
-            &mut sources.study.path,
-            &mut sources.model.path,
-            &mut sources.motion.path,
-        ]) {
+        let of_loads = sources.loads.iter_mut().flat_map(|loads| [&mut loads.file.path, &mut loads.table.path]);
+        let own = [&mut sources.study.path, &mut sources.model.path, &mut sources.motion.path];
+        let named = [&mut study.file, &mut study.model.file, &mut study.motion.file];
+        for path in named.into_iter().chain(own).chain(of_loads) {
             *path = path.file_name().map(PathBuf::from).unwrap_or_default();
         }
         self

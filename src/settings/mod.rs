@@ -31,6 +31,10 @@ pub struct Settings {
     /// Length of a mesh interval, s. It must divide the duration of the motion.
     #[schemars(range(min = 1e-6, max = 1e6))]
     pub h: f64,
+    /// Number of mesh intervals, in place of h.
+    #[schemars(range(min = 2, max = 1_000_000))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub intervals: Option<usize>,
     pub scheme: Scheme,
     /// Radau points per interval. The default is 3 for planar models, and 1 for spatial models, where 3 takes about ten
     /// times as long and does not always converge; 1 is fast, but overestimates the effort on coarse meshes.
@@ -127,6 +131,7 @@ impl Default for Settings {
             mu: 0.2,
             effort_power: 2.0,
             h: 0.1,
+            intervals: None,
             scheme: Scheme::Radau,
             stages: 3,
             initial: Initial::Equilibrium,
@@ -166,6 +171,7 @@ pub const NAMES: &[&str] = &[
     "mu",
     "effort_power",
     "h",
+    "intervals",
     "scheme",
     "stages",
     "initial",
@@ -198,7 +204,11 @@ impl Settings {
         match name {
             "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 to 1e6; the thesis uses 0.2")?,
             "effort_power" => self.effort_power = number(value, 2.0..=5.0, "a power from 2 to 5; the thesis uses 2")?,
-            "h" => self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?,
+            "h" => {
+                self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?;
+                self.intervals = None;
+            }
+            "intervals" => self.intervals = Some(integer(value, 2..=1_000_000)? as usize),
             "scheme" => self.scheme = choice(value, Scheme::ALL, Scheme::parse)?,
             "stages" => self.stages = integer(value, 1..=3)? as usize,
             "initial" => self.initial = choice(value, Initial::ALL, Initial::parse)?,
@@ -293,6 +303,7 @@ impl Settings {
         }
         // These are not serialised if they have their default.
         match name {
+            "intervals" => return self.intervals.map(|n| Value::Integer(n as i64)),
             "effort_power" => return Some(Value::Number(self.effort_power)),
             "reserves" => return Some(Value::Number(self.reserves)),
             "reserve_weight" => return Some(Value::Number(self.reserve_weight)),
@@ -321,6 +332,9 @@ impl Settings {
     /// The same settings in a unique form: derived values are filled in, and settings that the scheme ignores reset.
     pub fn canonical(&self) -> Self {
         let mut same = self.clone();
+        if same.intervals.is_some() {
+            same.h = Self::default().h;
+        }
         same.measurement_ratio = Some(self.measured_per_interval());
         same.reserves_at.retain(|(_, moment)| *moment != self.reserves);
         if !self.has_reserves() {
@@ -407,13 +421,17 @@ impl Settings {
     /// If h does not divide the duration.
     pub fn points(&self, duration: f64) -> Result<usize, InvalidValue> {
         let duration = duration * self.time_scale;
+        if let Some(intervals) = self.intervals {
+            return check_points(intervals + 1, &format!("intervals = {intervals}"), "choose fewer");
+        }
         let intervals = duration / self.h;
         let whole = intervals.round();
         if (intervals - whole).abs() > 1e-6 * whole.max(1.0) || whole < 2.0 {
             let (few, many) = (intervals.floor().max(2.0), intervals.ceil().max(3.0));
             return Err(InvalidValue::new(
                 format!(
-                    "h = {} s does not divide the motion's duration of {duration} s into two or more intervals",
+                    "h = {} s does not divide the motion's duration of {duration} s into two or more intervals; `intervals` \
+                     always does",
                     self.h
                 ),
                 format!(
@@ -423,15 +441,16 @@ impl Settings {
                 ),
             ));
         }
-        let points = whole as usize + 1;
-        if points > MAX_POINTS {
-            return Err(InvalidValue::new(
-                format!("h = {} s gives {points} points; at most {MAX_POINTS} are allowed", self.h),
-                "choose a larger h",
-            ));
-        }
-        Ok(points)
+        check_points(whole as usize + 1, &format!("h = {} s", self.h), "choose a larger h")
     }
+}
+
+fn check_points(points: usize, what: &str, help: &str) -> Result<usize, InvalidValue> {
+    if points > MAX_POINTS {
+        let message = format!("{what} gives {points} points; at most {MAX_POINTS} are allowed");
+        return Err(InvalidValue::new(message, help));
+    }
+    Ok(points)
 }
 
 /// What a reserve may be.

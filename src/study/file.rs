@@ -26,6 +26,14 @@ pub struct StudyFile {
     pub model: String,
     /// Motion file (.csv, .mot, .sto), relative to this file.
     pub motion: String,
+    /// File of external loads, such as ground reactions (.xml of OpenSim, .toml), relative to this file.
+    pub loads: Option<String>,
+    /// Cut-off frequency of the zero-lag Butterworth low-pass filter of external loads, Hz; 0 for no filter.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub force_smoothing_hz: f64,
+    /// Start and end of the part of the motion to solve, s; the whole motion if absent.
+    pub window: Option<[f64; 2]>,
     /// Fixed values.
     #[serde(default)]
     #[schemars(with = "FixedValues")]

@@ -3,6 +3,8 @@
 pub mod axis;
 pub mod change;
 pub mod file;
+pub mod loads;
+mod motion;
 mod plan;
 mod sample;
 mod size;
@@ -12,12 +14,11 @@ pub mod sweep;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::deadline::Deadline;
 use crate::entries::named;
 use crate::error::{Error, Issue, Mistakes, Result, SourceFile};
 use crate::model::Model;
 use crate::model::file::ModelFile;
-use crate::motion::{MeasurementError, MotionSettings, MotionTable};
+use crate::motion::MotionTable;
 use crate::names;
 use crate::opensim;
 use crate::settings::{InvalidValue, RegularityMode, Settings, Value};
@@ -26,6 +27,7 @@ use crate::skeleton::file::SkeletonFile;
 use change::{ModelChange, changed_model};
 use file::StudyFile;
 use file::{OnFailure, OneOrMany, Ratio};
+use motion::{attach, check_coverage, check_held_points, external, motion_hash};
 use plan::Plan;
 use sources::Sources;
 
@@ -89,9 +91,12 @@ impl Study {
     /// The mistakes found first, with their places in the file.
     pub fn from_sources(sources: Sources, file: StudyFile) -> Result<Self> {
         let (model_table, model) = load_model(&sources.model)?;
-        let motion = Arc::new(MotionTable::from_file(&sources.motion, &model)?);
+        let mut motion = MotionTable::from_file(&sources.motion, &model)?;
         check_coverage(&model, &motion, &sources.motion)?;
         let fail = |issue: Issue| issue.in_file(&sources.study);
+        attach(&sources, &file, &model, &mut motion)?;
+        let model = model.with_external(external(&motion));
+        let motion = Arc::new(motion);
         let mut mistakes = Mistakes::default();
         mistakes.take(check_name(&file.name));
         let ratios = mistakes.take(ratios(&file.ratio, &model)).unwrap_or_default();
@@ -106,7 +111,7 @@ impl Study {
         let plan = plan.expect("there are no mistakes");
 
         let model_hash = canonical_hash(&model_table);
-        let motion_hash = blake3::hash(sources.motion.text.as_bytes()).to_hex().to_string();
+        let motion_hash = motion_hash(&sources, &file);
         let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
         plan.check_models(&motion, &jobs).map_err(fail)?;
         plan.check_settings(&model, &jobs).map_err(fail)?;
@@ -138,7 +143,7 @@ impl Study {
     /// If the changes together make the model invalid. (Only in a study with very many changed models, of which not all
     /// are checked when it is loaded.)
     pub fn model_of(&self, job: &Job) -> std::result::Result<Model, InvalidValue> {
-        changed_model(&self.model_table, &job.changes)
+        Ok(changed_model(&self.model_table, &job.changes)?.with_external(external(&self.motion)))
     }
 
     /// `regularity` and id of each job that has the same solution as `job`, since it differs only in `regularity` and
@@ -276,66 +281,6 @@ pub fn load_skeleton(file: &SourceFile) -> Result<(toml::Table, Skeleton)> {
 /// Locates an issue of a spatial model in the model file or the OpenSim model.
 fn error_of(file: &SourceFile, issue: &Issue) -> Error {
     if opensim::is_osim(file) { opensim::error(file, issue) } else { issue.in_file(file) }
-}
-
-/// Refuses a motion without a column for each joint coordinate that must be measured. In a planar model these are all
-/// of them, unless it has loops, where some follow from others. In a spatial model they are those of bodies that move
-/// by forces, except locked and dependent coordinates; all others stay at their defaults.
-fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Result<()> {
-    let missing: Vec<&str> =
-        model.mechanics.needed_coordinates().into_iter().filter(|name| motion.column(name).is_none()).collect();
-    if missing.is_empty() {
-        return Ok(());
-    }
-    Err(file.error(
-        None,
-        format!("{}: no column for {}", file.path.display(), missing.join(", ")),
-        "",
-        Some(format!("the model `{}` needs a column for each of these joint coordinates", model.name)),
-    ))
-}
-
-/// Number of instants at which the joints of a planar model are closed, to check that it can perform the motion.
-const CLOSURE_CHECKS: usize = 101;
-
-/// Largest distance (m) that a motion may leave between two points that the model holds together.
-const LARGEST_GAP: f64 = 5e-3;
-
-/// Refuses a motion that separates points that the model holds together, by more than measurement errors explain.
-fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, file: &SourceFile) -> Result<()> {
-    // The motion as in the file, without the study's changes to single coordinates.
-    let plain = Settings { motion: Vec::new(), time_scale: 1.0, noise_sd: 0.0, ..base.clone() };
-    let plain = plain.of_motion();
-    let Some(spatial) = model.spatial() else {
-        let plain = MotionSettings { measurement_ratio: 1, ..plain };
-        let instants = motion.time.len().min(CLOSURE_CHECKS);
-        return match plain.measure(motion, model, instants, Deadline::default()) {
-            Err(moved @ MeasurementError::InconsistentMotion { .. }) => {
-                let help =
-                    "give only the coordinates that the loop leaves free, or values that close it (to 2° or 5 mm)";
-                Err(file.error(None, format!("{}: {moved}", file.path.display()), "", Some(help.to_owned())))
-            }
-            // Joints that do not close here may close in the changed models; each job reports its own.
-            _ => Ok(()),
-        };
-    };
-    let measured = plain.joint_motion(motion, spatial);
-    for &time in &motion.time {
-        let Some((gap, name)) = measured.gap(time - motion.start()).filter(|(gap, _)| *gap > LARGEST_GAP) else {
-            continue;
-        };
-        let help = format!(
-            "change the coordinates of the two bodies so that the points meet (to {} mm); the model joins them",
-            1e3 * LARGEST_GAP
-        );
-        return Err(file.error(
-            None,
-            format!("{}: at time {time} s the points of `{name}` are {:.1} mm apart", file.path.display(), 1e3 * gap),
-            "",
-            Some(help),
-        ));
-    }
-    Ok(())
 }
 
 /// Hash of a table's content, independent of its layout and comments.

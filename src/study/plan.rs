@@ -466,7 +466,7 @@ impl<'m> Plan<'m> {
     /// Refuses a filter whose cut-off frequency is too high for the sampling of the motion.
     pub fn check_smoothing(&self, motion: &MotionTable, jobs: &[Job]) -> std::result::Result<(), Issue> {
         let rounded = |hz: f64| (1e3 * hz).round() / 1e3;
-        let rate = rounded((motion.time.len() - 1) as f64 / motion.duration());
+        let rate = rounded(motion.rate());
         let highest = rounded(HIGHEST_CUTOFF * rate);
         let Some(job) = jobs.iter().find(|job| job.settings.smoothing_hz > highest) else { return Ok(()) };
         let message = format!("{} Hz, but the motion has {rate} instants per second", job.settings.smoothing_hz);

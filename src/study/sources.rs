@@ -1,18 +1,21 @@
-//! The three source texts of a study, read from files or from the manifest of a run.
+//! The source texts of a study, read from files or from the manifest of a run.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::file::StudyFile;
+use super::loads::LoadSources;
 use crate::error::{Error, Result, SourceFile};
 
-/// Study, model and motion as they were read.
+/// Study, model, motion and loads as they were read.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sources {
     pub study: SourceFile,
     pub model: SourceFile,
     pub motion: SourceFile,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loads: Option<LoadSources>,
 }
 
 /// The part of `manifest.json` from which a study can be made again.
@@ -47,7 +50,13 @@ impl Sources {
         let folder = path.parent().unwrap_or(Path::new(""));
         let model = named(&file, "model", &folder.join(&study.model))?;
         let motion = named(&file, "motion", &folder.join(&study.motion))?;
-        Ok((Self { study: file, model, motion }, study))
+        let loads = study.loads.as_ref().map(|loads| {
+            let path = folder.join(loads);
+            // So that a missing file is shown in the study.
+            named(&file, "loads", &path)?;
+            LoadSources::read(&path)
+        });
+        Ok((Self { study: file, model, motion, loads: loads.transpose()? }, study))
     }
 }
 

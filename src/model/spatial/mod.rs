@@ -37,6 +37,9 @@ pub struct Spatial {
     pub skeleton: Arc<Skeleton>,
     pub linkage: Arc<Linkage>,
     loops: Vec<Loop>,
+    /// External loads beside the skeleton's forces: names and bodies. Each is a force and then a moment about the ground's
+    /// origin.
+    pub external: Vec<(String, usize)>,
     /// Names of the unknowns: of a ball joint's angles that of the joint with `_1`, `_2` and `_3`.
     names: Vec<String>,
 }
@@ -52,7 +55,7 @@ impl Spatial {
             Some(k) => format!("{}_{}", skeleton.joints[linkage.balls[k / 3].joint].name, k % 3 + 1),
         };
         let names = linkage.free.iter().map(name).collect();
-        Self { skeleton, linkage, loops, names }
+        Self { skeleton, linkage, loops, external: Vec::new(), names }
     }
 
     /// The path of a muscle that moves something, otherwise `None`.
@@ -97,7 +100,14 @@ impl Spatial {
             let point = Point::OfLink(frame.point(&force.point));
             Some(Load { link: link?, point, force: *load, moment: [0.0; 3] })
         };
-        let loads: Vec<Load> = self.skeleton.forces.iter().zip(loads).filter_map(on_link).collect();
+        let (own, external) = loads.split_at(self.skeleton.forces.len().min(loads.len()));
+        let (external, _) = external.as_chunks::<2>();
+        let external = self.external.iter().zip(external).filter_map(|((_, body), [force, moment])| {
+            let link = linkage.tree.places[*body].0?;
+            Some(Load { link, point: Point::OfGround([0.0; 3]), force: *force, moment: *moment })
+        });
+        let own = self.skeleton.forces.iter().zip(own).filter_map(on_link);
+        let loads: Vec<Load> = own.chain(external).collect();
         use_it(&Dynamics::new(&linkage.tree, state, &loads))
     }
 
@@ -155,11 +165,14 @@ impl Mechanics for Spatial {
     }
 
     fn load_names(&self) -> Vec<String> {
-        self.skeleton.forces.iter().flat_map(|force| numbered(&force.name, 3)).collect()
+        let own = self.skeleton.forces.iter().flat_map(|force| numbered(&force.name, 3));
+        let external = self.external.iter().map(|(name, _)| name);
+        own.chain(external.flat_map(|name| numbered(name, 6))).collect()
     }
 
     fn constant_loads(&self) -> Vec<[f64; 3]> {
-        self.skeleton.forces.iter().map(|f| f.force.unwrap_or_default().map(|x| x * f.scale)).collect()
+        let own = self.skeleton.forces.iter().map(|f| f.force.unwrap_or_default().map(|x| x * f.scale));
+        own.chain(std::iter::repeat_n([0.0; 3], 2 * self.external.len())).collect()
     }
 
     fn joint_coordinates(&self) -> Vec<(&str, bool)> {
