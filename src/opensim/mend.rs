@@ -15,7 +15,8 @@ const SMALL_RADIUS: f64 = 0.01;
 
 /// Applies all corrections.
 pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
-    file.body.iter_mut().for_each(|body| mend_body(body, notes));
+    let needed: Vec<bool> = file.body.iter().map(|body| needs_mass(file, &body.name)).collect();
+    file.body.iter_mut().zip(needed).for_each(|(body, needs_mass)| mend_body(body, needs_mass, notes));
     make_unique("joint", file.joint.iter_mut().map(|joint| &mut joint.name), notes);
     make_unique("constraint", file.held_point.iter_mut().map(|held| &mut held.name), notes);
     make_unique("muscle", file.muscle.iter_mut().map(|muscle| &mut muscle.name), notes);
@@ -68,13 +69,34 @@ fn make_unique<'f>(kind: &str, names: impl Iterator<Item = &'f mut String>, note
     }
 }
 
-/// Gives a body that moves by forces a small mass or inertia where it has none, and drops products of inertia that make
+/// Whether a coordinate of a body's joint moves by forces, but nothing that has a mass beyond it.
+fn needs_mass(file: &SkeletonFile, body: &str) -> bool {
+    let Some(joint) = file.joint.iter().find(|joint| joint.child == body) else { return false };
+    let of_axes = joint.translations.iter().chain(&joint.rotations).map(|axis| &axis.coordinate);
+    let mut coordinates = of_axes.chain(joint.coordinates.iter().flatten());
+    let is_free = |name: &String| {
+        file.coordinate
+            .iter()
+            .any(|coordinate| coordinate.name == *name && !coordinate.locked && coordinate.follows.is_none())
+    };
+    coordinates.any(is_free) && !carries_mass(file, body)
+}
+
+/// Whether a body, or one beyond it, has a mass.
+fn carries_mass(file: &SkeletonFile, body: &str) -> bool {
+    let own = file.body.iter().any(|own| own.name == body && own.mass > 0.0);
+    own || file
+        .joint
+        .iter()
+        .any(|joint| joint.parent == body && joint.child != body && carries_mass(file, &joint.child))
+}
+
+/// Gives a body that moves by forces a small mass or inertia where it needs one and has none, and drops products of inertia that make
 /// its inertia matrix indefinite.
-fn mend_body(body: &mut BodyEntry, notes: &mut Notes) {
+fn mend_body(body: &mut BodyEntry, needs_mass: bool, notes: &mut Notes) {
     let who = format!("body {}", body.name);
     let massless = body.mass == 0.0;
-    if massless && body.role == Role::Given {
-        // Its motion is given: it needs no mass.
+    if massless && (body.role == Role::Given || !needs_mass) {
         body.inertia = [0.0; 6];
         return;
     }

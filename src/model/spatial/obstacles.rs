@@ -6,7 +6,6 @@ use super::Spatial;
 use super::path::SLOTS;
 use crate::error::Issue;
 use crate::model::tree::Tree;
-use crate::skeleton::surface::Shape;
 use crate::skeleton::{Muscle, Skeleton};
 
 /// A coordinate that moves less than this (kg, kg m²) moves no mass.
@@ -36,7 +35,7 @@ impl Skeleton {
     ///
     /// - coordinates that move by forces, but no mass;
     /// - coordinates of a joint on an ellipsoid that follow others;
-    /// - muscles that move something, if their path has a torus, or depends on too many coordinates.
+    /// - muscles that move something, if their path depends on too many coordinates.
     ///
     /// Paths of other muscles are not restricted, because derivatives of their lengths are not needed.
     pub fn obstacles(&self) -> Vec<Issue> {
@@ -59,7 +58,6 @@ impl Skeleton {
         }
         for muscle in &self.muscles {
             let Some(path) = spatial.path(muscle) else { continue };
-            found.extend(self.obstacles_of_path(muscle));
             found.extend(self.moves_with_ball(&spatial, muscle));
             if path.slots.len() + 2 * muscle.path.surfaces.len() > SLOTS {
                 let message = format!("the path depends on {} coordinates; at most {SLOTS}", path.slots.len());
@@ -67,15 +65,6 @@ impl Skeleton {
             }
         }
         found
-    }
-
-    /// Obstacles in the path of a muscle that moves something.
-    fn obstacles_of_path(&self, muscle: &Muscle) -> Option<Issue> {
-        let mut surfaces = muscle.path.surfaces.iter().map(|obstacle| &self.surfaces[obstacle.surface]);
-        let torus = surfaces.find(|surface| matches!(surface.shape, Shape::Torus { .. }))?;
-        let message = format!("`{}` is a torus; second derivatives around a torus are not supported", torus.name);
-        let help = "replace it by a cylinder or a path point";
-        Some(Issue::new(&["muscle", muscle.name.as_str(), "path"], message, help))
     }
 
     /// A point that moves or comes and goes with a coordinate of a ball joint that is no function of its angles.

@@ -21,7 +21,7 @@ use crate::model::spatial::linkage::Pose;
 use crate::model::straight::PathLength;
 use crate::model::tree::pose::{PlacedLink, turned};
 use crate::skeleton::frame::{Frame, Vector, along, dot, minus, norm, unit};
-use crate::skeleton::surface::{Contact, tangents};
+use crate::skeleton::surface::{Contact, Shape, tangents};
 use crate::skeleton::wrapping::{PlacedSurface, Touch, touches};
 
 /// E_0: how much longer a contact makes a path at the end of its softening, m.
@@ -30,7 +30,7 @@ const SOFT_EXCESS: f64 = 2e-7;
 const LIGHT: f64 = 4.0;
 /// Most slots of a path, two for each joint of two pieces among them; a study with a longer one is refused
 /// ([`Skeleton::obstacles`](crate::skeleton::Skeleton::obstacles)).
-pub const SLOTS: usize = 64;
+pub const SLOTS: usize = 96;
 
 pub struct Course<'p> {
     path: &'p SpatialPath,
@@ -148,6 +148,12 @@ impl<'p> Course<'p> {
         found.into_iter().map(|touch| Touch { surface: known[touch.surface], ..touch }).collect()
     }
 
+    /// Whether the path touches a torus. The cylinder in its place moves with the path, so that the derivatives are not
+    /// those of the pieces.
+    pub fn is_through_torus(&self) -> bool {
+        self.touched.iter().any(|touch| matches!(self.path.surfaces[touch.surface].shape, Shape::Torus { .. }))
+    }
+
     fn point(&self, k: usize) -> End {
         End::Point(self.active[k], self.places[k])
     }
@@ -220,6 +226,7 @@ impl<'p> Course<'p> {
             4..=8 => self.bend::<8>(pieces, joints, out),
             9..=16 => self.bend::<16>(pieces, joints, out),
             17..=32 => self.bend::<32>(pieces, joints, out),
+            33..=64 => self.bend::<64>(pieces, joints, out),
             _ => self.bend::<SLOTS>(pieces, joints, out),
         }
     }
