@@ -92,7 +92,7 @@ impl Study {
     pub fn from_sources(sources: Sources, file: StudyFile) -> Result<Self> {
         let (model_table, model) = load_model(&sources.model)?;
         let mut motion = MotionTable::from_file(&sources.motion, &model)?;
-        check_coverage(&model, &motion, &sources.motion)?;
+        check_coverage(&model, &mut motion, &sources.motion)?;
         let fail = |issue: Issue| issue.in_file(&sources.study);
         attach(&sources, &file, &model, &mut motion)?;
         let model = model.with_external(external(&motion));
@@ -113,7 +113,7 @@ impl Study {
         let model_hash = canonical_hash(&model_table);
         let motion_hash = motion_hash(&sources, &file);
         let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
-        plan.check_models(&motion, &jobs).map_err(fail)?;
+        plan.check_models(&jobs).map_err(fail)?;
         plan.check_settings(&model, &jobs).map_err(fail)?;
         plan.check_smoothing(&motion, &jobs).map_err(fail)?;
         check_held_points(&model, &motion, &plan.base, &sources.motion)?;

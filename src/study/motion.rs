@@ -77,11 +77,20 @@ pub fn motion_hash(sources: &Sources, file: &StudyFile) -> String {
 }
 
 /// Refuses a motion without a column for each joint coordinate that must be measured. In a planar model these are all
-/// of them, unless it has loops, where some follow from others. In a spatial model they are those of bodies that move
-/// by forces, except locked and dependent coordinates; all others stay at their defaults.
-pub fn check_coverage(model: &Model, motion: &MotionTable, file: &SourceFile) -> Result<()> {
-    let missing: Vec<&str> =
-        model.mechanics.needed_coordinates().into_iter().filter(|name| motion.column(name).is_none()).collect();
+/// of them, unless it has loops, where some follow from others. In a spatial model those without a column are at their
+/// defaults, with a note; only a motion without any is refused.
+pub fn check_coverage(model: &Model, motion: &mut MotionTable, file: &SourceFile) -> Result<()> {
+    let needed = model.mechanics.needed_coordinates();
+    let missing: Vec<&str> = needed.iter().copied().filter(|name| motion.column(name).is_none()).collect();
+    if let Some(spatial) = model.spatial() && missing.len() < needed.len() {
+        let coordinates = spatial.skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
+        let without: Vec<&str> =
+            coordinates.map(|c| c.name.as_str()).filter(|name| motion.column(name).is_none()).collect();
+        if !without.is_empty() {
+            motion.notes.push(format!("without a column, at their defaults: {}", without.join(", ")));
+        }
+        return Ok(());
+    }
     if missing.is_empty() {
         return Ok(());
     }

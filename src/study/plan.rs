@@ -437,26 +437,15 @@ impl<'m> Plan<'m> {
         Ok((settings, changes))
     }
 
-    /// Checks the changed models, up to [`CHECKED_MODELS`] of them: that they are valid, and that the motion has what they
-    /// need.
-    pub fn check_models(&self, motion: &MotionTable, jobs: &[Job]) -> std::result::Result<(), Issue> {
+    /// Checks that the changed models are valid, up to [`CHECKED_MODELS`] of them.
+    pub fn check_models(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
         let changed: Vec<&Job> = jobs.iter().filter(|job| !job.changes.is_empty()).collect();
         let stride = changed.len().div_ceil(CHECKED_MODELS).max(1);
         let mut before: Option<&[ModelChange]> = None;
         for job in changed.into_iter().step_by(stride) {
             if before != Some(&job.changes[..]) {
-                let model = changed_model(self.model_table, &job.changes)
+                changed_model(self.model_table, &job.changes)
                     .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
-                let needed = model.mechanics.needed_coordinates();
-                if let Some(missing) = needed.iter().find(|name| motion.column(name).is_none()) {
-                    let role = job.changes.iter().find(|change| change.path.ends_with(".role"));
-                    let place = self.place(role.map_or("", |change| &change.path));
-                    let message =
-                        format!("with these roles the motion needs a column for `{missing}`, which it does not have");
-                    let help =
-                        "add the column to the motion file, or let the body follow the motion (role = \"given\")";
-                    return Err(complaint_at(place, InvalidValue::new(message, help)));
-                }
             }
             before = Some(&job.changes);
         }
