@@ -138,6 +138,7 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
         },
         muscles: solution.muscle_rows(),
         reserves: solution.reserve_rows(),
+        joints: solution.joint_rows(),
         ..Outcome::default()
     };
     if settings.trajectories {

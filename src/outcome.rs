@@ -69,6 +69,8 @@ pub struct Outcome {
     pub muscles: Vec<MuscleRow>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub reserves: Vec<ReserveRow>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub joints: Vec<JointRow>,
     pub spectrum: Vec<SpectrumRow>,
     pub sensitivities: Vec<SensitivityRow>,
     pub optima: Vec<OptimumRow>,
@@ -317,6 +319,19 @@ pub struct StepRow {
     pub extension: f64,
     /// Of the KKT matrix.
     pub factorisations: i64,
+}
+
+/// What a joint of a spatial model carries in a job: the size of the force and of the moment on its child, at the joint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointRow {
+    pub joint: String,
+    pub mean_force_n: f64,
+    pub peak_force_n: f64,
+    /// In units of the weight of all bodies; `None` without gravity.
+    pub mean_force_bw: Option<f64>,
+    pub peak_force_bw: Option<f64>,
+    pub mean_moment_n_m: f64,
+    pub peak_moment_n_m: f64,
 }
 
 /// One muscle of a job.

@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn the_angles_give_the_rotation_back_and_the_elevation_is_the_second_coordinate() {
         let (joint, ball) = shoulder();
-        for q in [[0.4, 1.0, 0.3], [-1.2, 0.3, 2.5], [1.0, 0.9, -0.4]] {
+        for q in [[0.4f64, 1.0, 0.3], [-1.2, 0.3, 2.5], [1.0, 0.9, -0.4]] {
             let rotation = joint.motion.frame(&q);
             let angles = ball.angles(&rotation, [0.0, 0.0, 6.0]);
             assert!((angles[2] - 6.0).abs() < 3.2);

@@ -1,6 +1,7 @@
 //! Turns a solution into rows: loads, activations, residuals of the unscaled problem, functions of time.
 
 mod actuators;
+mod joints;
 mod muscles;
 mod trajectories;
 

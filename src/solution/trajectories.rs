@@ -48,6 +48,9 @@ impl Solution<'_> {
                     }
                 }
             }
+            if complete {
+                self.push_joints(&z, &mut |signal, name, value| push(t, signal, name, value, end));
+            }
             for drive in self.inverse.actuators.iter().filter(|_| complete) {
                 let signal = if drive.coordinate.is_angle { "actuator_moment_n_m" } else { "actuator_force_n" };
                 push(t, signal, &drive.name, drive.moment * z[drive.control], false);

@@ -82,7 +82,9 @@ pub fn motion_hash(sources: &Sources, file: &StudyFile) -> String {
 pub fn check_coverage(model: &Model, motion: &mut MotionTable, file: &SourceFile) -> Result<()> {
     let needed = model.mechanics.needed_coordinates();
     let missing: Vec<&str> = needed.iter().copied().filter(|name| motion.column(name).is_none()).collect();
-    if let Some(spatial) = model.spatial() && missing.len() < needed.len() {
+    if let Some(spatial) = model.spatial()
+        && missing.len() < needed.len()
+    {
         let coordinates = spatial.skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
         let without: Vec<&str> =
             coordinates.map(|c| c.name.as_str()).filter(|name| motion.column(name).is_none()).collect();

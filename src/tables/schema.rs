@@ -5,8 +5,8 @@ use super::column::{Column, ColumnInfo, table};
 use super::{Table, axes};
 use crate::error::nearest;
 use crate::outcome::{
-    IterationRow, JobRow, MuscleRow, OptimumRow, Outcome, RegularityRow, ReserveRow, SensitivityRow, SpectrumRow,
-    StepRow, TrajectoryRow,
+    IterationRow, JobRow, JointRow, MuscleRow, OptimumRow, Outcome, RegularityRow, ReserveRow, SensitivityRow,
+    SpectrumRow, StepRow, TrajectoryRow,
 };
 use crate::study::file::{Measure, Ratio};
 use crate::study::{Job, Study};
@@ -17,12 +17,13 @@ pub use super::axes::axes;
 pub const VERSION: u32 = crate::study::SCHEMA_VERSION;
 
 /// Names of the tables, which are the file names without `.parquet`.
-pub const TABLES: [&str; 10] = [
+pub const TABLES: [&str; 11] = [
     "jobs",
     "regularity",
     "iterations",
     "muscles",
     "reserves",
+    "joints",
     "ratios",
     "spectrum",
     "sensitivities",
@@ -31,7 +32,7 @@ pub const TABLES: [&str; 10] = [
 ];
 
 /// Tables that exist only if a study asks for them; they are omitted if empty.
-pub const ON_REQUEST: [&str; 3] = ["reserves", "ratios", "trajectories"];
+pub const ON_REQUEST: [&str; 4] = ["reserves", "joints", "ratios", "trajectories"];
 
 /// Columns with computing times: the only ones in which two runs of a study may differ.
 pub const TIMINGS: [&str; 3] = ["solve_s", "rank_s", "wall_s"];
@@ -55,6 +56,9 @@ pub fn row_of(table: &str) -> &'static str {
         "iterations" => "an SQP iteration of the best start of a job; the start guess is number 0",
         "muscles" => "a muscle of a job that has a last iterate; only those of converged jobs are reliable",
         "reserves" => "a reserve or actuator of a job with a last iterate (only if a job has one)",
+        "joints" => {
+            "a joint of a spatial model, of a job with a last iterate: the load on its child (joint contact load)"
+        }
         "ratios" => "a declared load ratio of a job, by measure (only if the study declares one)",
         "spectrum" => "a singular value near the cut between kept and dropped ones",
         "sensitivities" => "how the mean force of a muscle depends on a parameter, at a converged solution",
@@ -70,6 +74,7 @@ pub fn row_keys(table: &str) -> &'static [&'static str] {
         "iterations" => &["iteration"],
         "muscles" => &["muscle"],
         "reserves" => &["coordinate", "actuator"],
+        "joints" => &["joint"],
         "ratios" => &["ratio", "measure"],
         "spectrum" => &["matrix", "index"],
         "sensitivities" => &["muscle", "parameter"],
@@ -89,6 +94,7 @@ pub fn columns_of(table: &str) -> Vec<ColumnInfo> {
         "iterations" => of(iterations()),
         "muscles" => of(muscles()),
         "reserves" => of(reserves()),
+        "joints" => of(joints()),
         "ratios" => of(ratios()),
         "spectrum" => of(spectrum()),
         "sensitivities" => of(sensitivities()),
@@ -129,6 +135,7 @@ impl<'s> Columns<'s> {
             table("iterations", &iterations(), &lines(finished, |o| &o.iterations)),
             table("muscles", &muscles(), &lines(finished, |o| &o.muscles)),
             table("reserves", &reserves(), &lines(finished, |o| &o.reserves)),
+            table("joints", &joints(), &lines(finished, |o| &o.joints)),
             table("ratios", &ratios(), &ratio_lines),
             table("spectrum", &spectrum(), &lines(finished, |o| &o.spectrum)),
             table("sensitivities", &sensitivities(), &lines(finished, |o| &o.sensitivities)),
@@ -533,6 +540,27 @@ fn reserves<'o>() -> Vec<Column<Line<'o, ReserveRow>>> {
              where joints close a loop",
             |l| l.row.share,
         ),
+    ]
+}
+
+fn joints<'o>() -> Vec<Column<Line<'o, JointRow>>> {
+    use Column as C;
+    vec![
+        job_id(),
+        status(),
+        C::text("joint", "name of the joint", |l| Some(l.row.joint.clone())),
+        C::number("mean_force_n", "N", "size of the force on the child at the joint, mean over time", |l| {
+            Some(l.row.mean_force_n)
+        }),
+        C::number("peak_force_n", "N", "its largest value", |l| Some(l.row.peak_force_n)),
+        C::number("mean_force_bw", "body weights", "the mean in weights of all bodies", |l| l.row.mean_force_bw),
+        C::number("peak_force_bw", "body weights", "the largest value in weights of all bodies", |l| {
+            l.row.peak_force_bw
+        }),
+        C::number("mean_moment_n_m", "N m", "size of the moment on the child at the joint, mean over time", |l| {
+            Some(l.row.mean_moment_n_m)
+        }),
+        C::number("peak_moment_n_m", "N m", "its largest value", |l| Some(l.row.peak_moment_n_m)),
     ]
 }
 

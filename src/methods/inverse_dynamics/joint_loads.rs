@@ -12,8 +12,12 @@
 use nalgebra::Vector3;
 
 use super::spatial::{Movement, Snapshot};
+use crate::model::tree::Tree;
+use crate::model::tree::dynamics::{Dynamics, State};
 use crate::model::tree::screw::{MassProperties, Screw, angular, cross_wrench, linear, screw};
+use crate::motion::external_loads::LoadAt;
 use crate::numerics::cubic::CubicSpline;
+use crate::skeleton::Skeleton;
 use crate::skeleton::frame::{Frame, Vector, minus, unit};
 
 /// Forces of muscles over time.
@@ -31,14 +35,42 @@ pub struct JointLoad {
     pub moment: Vector,
 }
 
-/// The load of each joint at an instant.
+/// A model at an instant, with all that acts on it from outside.
+pub struct Instant<'a> {
+    pub skeleton: &'a Skeleton,
+    pub tree: &'a Tree,
+    /// Of the tree's coordinates.
+    pub state: State<'a>,
+    /// Values of the skeleton's coordinates.
+    pub coordinates: &'a [f64],
+    /// Of the bodies.
+    pub frames: &'a [Frame<f64>],
+    /// Loads with the bodies that they act on.
+    pub loads: &'a [(LoadAt, usize)],
+}
+
+/// The load of each joint at an instant of a movement.
 pub fn joint_loads(movement: &Movement<'_>, now: &Snapshot, muscles: &MuscleForces) -> Vec<JointLoad> {
-    let skeleton = movement.skeleton;
-    let mut carried = inertial_wrenches(movement, now);
-    for (muscle, spline) in &muscles.forces {
-        let tension = spline.at(now.time)[0];
-        let (q, frames) = (&now.coordinates[0], &now.frames);
-        for part in skeleton.muscles[*muscle].path.route(skeleton, q, frames).straight_parts(frames, q) {
+    let tensions: Vec<(usize, f64)> = muscles.forces.iter().map(|(m, spline)| (*m, spline.at(now.time)[0])).collect();
+    let [coordinates, speeds, accelerations] = &now.coordinates;
+    let instant = Instant {
+        skeleton: movement.skeleton,
+        tree: &movement.tree,
+        state: State { coordinates, speeds, accelerations, virtual_speeds: &[] },
+        coordinates,
+        frames: &now.frames,
+        loads: &now.loads,
+    };
+    loads_at(&instant, &tensions)
+}
+
+/// The load of each joint; `tensions`: muscles with their forces, N.
+pub fn loads_at(now: &Instant<'_>, tensions: &[(usize, f64)]) -> Vec<JointLoad> {
+    let Instant { skeleton, frames, .. } = *now;
+    let mut carried = inertial_wrenches(now);
+    for &(muscle, tension) in tensions {
+        let path = &skeleton.muscles[muscle].path;
+        for part in path.route(skeleton, now.coordinates, frames).straight_parts(frames, now.coordinates) {
             let [from, to] = part.ends;
             let pull = Vector3::from(unit(&minus(&to, &from))) * tension;
             for (body, point, force) in [(part.bodies[0], from, pull), (part.bodies[1], to, -pull)] {
@@ -55,7 +87,7 @@ pub fn joint_loads(movement: &Movement<'_>, now: &Snapshot, muscles: &MuscleForc
     }
     let at_joint = |joint: &crate::skeleton::Joint| {
         let wrench = carried[joint.child];
-        let origin = Vector3::from((now.frames[joint.child] * joint.in_child).origin);
+        let origin = Vector3::from((frames[joint.child] * joint.in_child).origin);
         let force = linear(&wrench);
         JointLoad { force: force.into(), moment: (angular(&wrench) - origin.cross(&force)).into() }
     };
@@ -63,19 +95,18 @@ pub fn joint_loads(movement: &Movement<'_>, now: &Snapshot, muscles: &MuscleForc
 }
 
 /// What each body needs for its motion beside gravity and external loads, about the ground's origin.
-fn inertial_wrenches(movement: &Movement<'_>, now: &Snapshot) -> Vec<Screw> {
-    let skeleton = movement.skeleton;
-    let twists = now.dynamics(&movement.tree).twists();
-    let [gx, gy, gz] = skeleton.gravity;
+fn inertial_wrenches(now: &Instant<'_>) -> Vec<Screw> {
+    let twists = Dynamics::new(now.tree, now.state, &[]).twists();
+    let [gx, gy, gz] = now.skeleton.gravity;
     let at_rest = (Screw::zeros(), Screw::new(0.0, 0.0, 0.0, -gx, -gy, -gz));
-    let bodies = skeleton.bodies.iter().zip(&movement.tree.places).zip(&now.frames);
+    let bodies = now.skeleton.bodies.iter().zip(&now.tree.places).zip(now.frames);
     let inertial = bodies.map(|((body, (link, _)), frame): ((_, _), &Frame<f64>)| {
         let (v, a) = link.map_or(at_rest, |link| twists[link]);
         let inertia = MassProperties::of_body(body.mass, body.centre_of_mass, body.inertia).within(frame).matrix();
         inertia * a + cross_wrench(&v, &(inertia * v))
     });
     let mut wrenches: Vec<Screw> = inertial.collect();
-    for (at, body) in &now.loads {
+    for (at, body) in now.loads {
         let force = Vector3::from(at.force);
         wrenches[*body] -= screw(Vector3::from(at.point).cross(&force) + Vector3::from(at.moment), force);
     }

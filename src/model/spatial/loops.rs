@@ -6,7 +6,7 @@
 
 use super::linkage::Linkage;
 use crate::model::mechanics::EachConstraint;
-use crate::model::tree::pose::PlacedLink;
+use crate::model::tree::pose::{PlacedLink, turned};
 use crate::numerics::Scalar;
 use crate::skeleton::HeldPoint;
 use crate::skeleton::frame::Vector;
@@ -14,6 +14,7 @@ use crate::skeleton::frame::Vector;
 #[derive(Clone, Debug)]
 pub struct Loop {
     pub name: String,
+    bodies: [usize; 2],
     sides: [Side; 2],
     /// The last link that carries both.
     common: Option<usize>,
@@ -58,7 +59,7 @@ impl Loop {
             point: places[side].1.point(&held.points[side]),
             links: own[side].iter().map(|&link| (link, numbers(link).into_iter().map(slot).collect())).collect(),
         });
-        Some(Self { name: held.name.clone(), sides, common, slots })
+        Some(Self { name: held.name.clone(), bodies: held.bodies, sides, common, slots })
     }
 
     /// Hands the three functions to `each`, the first of which has the number `row`.
@@ -106,6 +107,18 @@ impl Loop {
         for i in 0..ROWS {
             each(row + i, &self.slots, value[i], &gradient[i * n..(i + 1) * n], &hessian[i * n * n..(i + 1) * n * n]);
         }
+    }
+}
+
+impl Loop {
+    /// The forces (N) of a reaction, which acts against Φ, on the two bodies, with their points (m); in the ground's axes.
+    pub fn forces(&self, links: &[PlacedLink<f64>], reaction: &Vector) -> [(usize, Vector, Vector); 2] {
+        let force = self.common.map_or(*reaction, |common| turned(&links[common].frame, reaction));
+        [(0, -1.0), (1, 1.0)].map(|(k, sign)| {
+            let side = &self.sides[k];
+            let point = side.link.map_or(side.point, |link| links[link].frame.point(&side.point));
+            (self.bodies[k], point, force.map(|x| sign * x))
+        })
     }
 }
 

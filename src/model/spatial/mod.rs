@@ -32,6 +32,15 @@ use path::SpatialPath;
 /// See [`Spatial::tracking_rows`].
 const OWN_SHARE: f64 = 1e-3;
 
+/// A force (N) and a moment (N m) on a body, in the ground's axes, at a point of the ground (m).
+#[derive(Clone, Copy, Debug)]
+pub struct BodyLoad {
+    pub body: usize,
+    pub point: Vector,
+    pub force: Vector,
+    pub moment: Vector,
+}
+
 #[derive(Clone, Debug)]
 pub struct Spatial {
     pub skeleton: Arc<Skeleton>,
@@ -76,6 +85,48 @@ impl Spatial {
             dot(&long, &across).atan2(dot(&long, &rest))
         };
         self.skeleton.turns.iter().map(|turn| (turn.name.as_str(), reached(turn))).collect()
+    }
+
+    /// Brings values of the skeleton's coordinates up to date, from all coordinates `q`; those of ball joints are the nearest
+    /// to the values before.
+    pub fn skeleton_coordinates(&self, q: &[f64], near: &mut Vec<f64>) {
+        let (linkage, own) = (&self.linkage, near.len());
+        let known = linkage.free.iter().chain(&linkage.given).zip(q);
+        known.filter(|(c, _)| **c < own).for_each(|(&c, &x)| near[c] = x);
+        for (k, ball) in linkage.balls.iter().enumerate() {
+            let angle = |i: usize| q[linkage.free_number(linkage.ball_angle(k, i)).expect("an unknown")];
+            let turns = (0..3).map(|i| Frame::rotation(ball.axes[i], angle(i)));
+            let rotation = turns.fold(Frame::identity(), |frame, turn| frame * turn);
+            let motion = &self.skeleton.joints[ball.joint].motion;
+            let wanted = Frame { origin: motion.frame(near).origin, ..rotation };
+            motion.coordinates_of(&wanted, near).into_iter().for_each(|(c, value)| near[c] = value);
+        }
+        self.skeleton.follow(near);
+    }
+
+    /// What acts on bodies beside gravity and muscles, at all coordinates `q`: the loads, in their order, and the reactions
+    /// (N) of held points.
+    pub fn loads_at(&self, q: &[f64], loads: &[Vector], reactions: &[f64]) -> Vec<BodyLoad> {
+        let frames = self.linkage.frames(q);
+        let none = [0.0; 3];
+        let (own, external) = loads.split_at(self.skeleton.forces.len());
+        let own = self.skeleton.forces.iter().zip(own).map(|(place, force)| {
+            let point = frames[place.body].point(&place.point);
+            BodyLoad { body: place.body, point, force: *force, moment: none }
+        });
+        let (external, _) = external.as_chunks::<2>();
+        let external = self.external.iter().zip(external);
+        let external = external.map(|((_, body), [force, moment])| BodyLoad {
+            body: *body,
+            point: none,
+            force: *force,
+            moment: *moment,
+        });
+        let pose = self.linkage.pose(q);
+        let (reactions, _) = reactions.as_chunks::<ROWS>();
+        let held = self.loops.iter().zip(reactions).flat_map(|(held, reaction)| held.forces(&pose.links, reaction));
+        let held = held.map(|(body, point, force)| BodyLoad { body, point, force, moment: none });
+        own.chain(external).chain(held).collect()
     }
 
     /// Calls `use_it` with the mechanism at a motion, λ being the virtual speeds of the coordinates that move by forces.
@@ -216,16 +267,7 @@ impl Mechanics for Spatial {
         if near.is_empty() {
             *near = self.skeleton.default_pose();
         }
-        let own = near.len();
-        self.linkage.free.iter().zip(q).filter(|(c, _)| **c < own).for_each(|(&c, &x)| near[c] = x);
-        for (k, ball) in self.linkage.balls.iter().enumerate() {
-            let angle = |i: usize| q[self.linkage.free_number(self.linkage.ball_angle(k, i)).expect("an unknown")];
-            let turns = (0..3).map(|i| Frame::rotation(ball.axes[i], angle(i)));
-            let rotation = turns.fold(Frame::identity(), |frame, turn| frame * turn);
-            let motion = &self.skeleton.joints[ball.joint].motion;
-            let wanted = Frame { origin: motion.frame(near).origin, ..rotation };
-            motion.coordinates_of(&wanted, near).into_iter().for_each(|(c, value)| near[c] = value);
-        }
+        self.skeleton_coordinates(q, near);
         let named = self.linkage.moved().into_iter().map(|c| (self.skeleton.coordinates[c].name.as_str(), near[c]));
         named.chain(self.turns_reached(&self.linkage.frames(q))).collect()
     }

@@ -98,7 +98,7 @@ mod tests {
                 Part::Sine { amplitude: 1.3, phase: 0.4 },
             ],
         };
-        assert!((drive.argument(&[0.9, 0.3]) - 0.6).abs() < 1e-15);
+        assert!((drive.argument(&[0.9f64, 0.3]) - 0.6).abs() < 1e-15);
         let h = 1e-5;
         let (low, here, high) = (drive.at(0.6 - h), drive.at(0.6), drive.at(0.6 + h));
         for k in 0..4 {
