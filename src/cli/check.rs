@@ -1,10 +1,13 @@
 //! `sinew check`: reports mistakes in files, with their locations.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use super::layout::wrapped;
+use super::movement::load_lines;
 use super::{BAD_INPUT, GOOD, print};
 use crate::error::{Error, Issue, Result, SourceFile};
+use crate::methods::inverse_dynamics::spatial::Movement;
 use crate::model::Model;
 use crate::model::file::ModelFile;
 use crate::motion::MotionTable;
@@ -68,7 +71,7 @@ fn check_one(path: &Path, model: Option<&Model>) -> Result<String> {
                 let warning = plausibility::of_motion(&study.motion, &study.model, &study.base);
                 let warning = warning.map(|w| format!("\nwarning: {}: {}", w.code, w.found)).unwrap_or_default();
                 let jobs = counted(study.jobs.len(), "job");
-                Ok(format!("study, {jobs}\n{motion}{warning}{}", lost_of_model(&study)?))
+                Ok(format!("study, {jobs}\n{motion}{warning}{}{}", described_loads(&study), lost_of_model(&study)?))
             } else if SkeletonFile::is_spatial(&table) {
                 Ok(described(&SkeletonFile::load(&file)?))
             } else {
@@ -99,7 +102,36 @@ fn described(model: &Skeleton) -> String {
     let line = |issue: &Issue| format!("\n  {}: {}", issue.path.join("."), issue.message);
     let list = obstacles.iter().map(line).collect::<String>();
     let title = if list.is_empty() { "" } else { "\nNot usable in a study (only for lengths and moment arms):" };
-    format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}{title}{list}")
+    let moved = if list.is_empty() { drives(model) } else { String::new() };
+    format!("spatial model, {bodies} bodies and {muscles} muscles{rigid}{title}{list}{moved}")
+}
+
+/// What remains to move, and what drives each coordinate.
+fn drives(skeleton: &Skeleton) -> String {
+    let model = Model::of_skeleton(Arc::new(skeleton.clone()));
+    let counts: Vec<String> = (model.mechanics.driven_coordinates().iter().enumerate())
+        .map(|(number, coordinate)| {
+            let muscles = model.muscles.iter().filter(|muscle| muscle.path.slots().contains(&number)).count();
+            let actuators = model.actuators.iter().filter(|own| own.coordinate == coordinate.name).count();
+            let by = [(muscles, "muscle"), (actuators, "actuator")].into_iter().filter(|(count, _)| *count > 0);
+            let by: Vec<String> = by.map(|(count, what)| counted(count, what)).collect();
+            let by = if by.is_empty() { "nothing".to_owned() } else { by.join(", ") };
+            format!("{} ({by})", coordinate.name)
+        })
+        .collect();
+    let given = model.mechanics.given_coordinate_names();
+    let of_kind = |wanted: &str| -> Vec<String> {
+        let unmoved = model.mechanics.unmoved_coordinates().into_iter();
+        unmoved.filter(|(_, why)| why.contains(wanted)).map(|(name, _)| name).collect()
+    };
+    let lines = [
+        ("Moves by forces, driven by", counts),
+        ("Moves as the motion file says", given),
+        ("Locked", of_kind("locked")),
+        ("Follows another coordinate", of_kind("follows")),
+    ];
+    let lines = lines.iter().filter(|(_, names)| !names.is_empty());
+    lines.map(|(what, names)| format!("\n{what}: {}", names.join(", "))).collect()
 }
 
 /// Describes a motion: duration, sampling, and the range, largest rate and intended range of each coordinate.
@@ -137,6 +169,15 @@ fn described_motion(table: &MotionTable, model: &Model) -> String {
     }
     table.notes.iter().for_each(|note| out.push_str(&format!("\nnote: {note}")));
     out
+}
+
+/// What external loads amount to, and whether one acts on a body that moves fast under it.
+fn described_loads(study: &Study) -> String {
+    let (Some(spatial), Some(loads)) = (study.model.spatial(), &study.motion.loads) else { return String::new() };
+    let [from, to] = study.motion.window;
+    let smoothing = study.base.smoothing_hz;
+    let movement = Movement::new(&spatial.skeleton, &study.motion, Some(loads), &(from..=to), smoothing);
+    load_lines(&movement).into_iter().map(|line| format!("\n{line}")).collect()
 }
 
 /// Rounds to tenths; a zero has no sign.

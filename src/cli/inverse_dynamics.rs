@@ -1,7 +1,7 @@
 //! `sinew inverse-dynamics`: net moments and forces of the joint coordinates over a motion.
 
 use super::arguments::MovementArguments;
-use super::movement::{Files, deliver, instants, window};
+use super::movement::{Files, deliver, instants, load_lines, window};
 use crate::error::{Result, SourceFile};
 use crate::methods::inverse_dynamics::{NetForce, planar, spatial};
 use crate::motion::MotionTable;
@@ -16,13 +16,8 @@ pub fn run(arguments: &MovementArguments) -> Result<u8> {
     }
     let files = Files::read(arguments, &model)?;
     let movement = files.movement();
-    let (found, peaks) = spatial::net_forces(&movement);
-    let mut lines = Vec::new();
-    for (load, peak) in files.loads.iter().flat_map(|loads| &loads.loads).zip(peaks) {
-        let body = &files.skeleton.bodies[load.body].name;
-        lines.push(format!("load {} on {body}: vertical force up to {peak:.2} times the model's weight", load.name));
-    }
-    written(arguments, &files.skeleton.name, lines, &movement.time, &found)
+    let found = spatial::net_forces(&movement);
+    written(arguments, &files.skeleton.name, load_lines(&movement), &movement.time, &found)
 }
 
 fn of_planar(arguments: &MovementArguments, file: &SourceFile) -> Result<u8> {

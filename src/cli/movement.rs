@@ -8,11 +8,11 @@ use super::layout::wrapped;
 use super::output::{csv, write_table};
 use super::{GOOD, print};
 use crate::error::{Result, SourceFile};
-use crate::methods::inverse_dynamics::spatial::Movement;
+use crate::methods::inverse_dynamics::spatial::{LoadFacts, Movement, load_facts};
 use crate::model::tree::Tree;
 use crate::motion::MotionTable;
 use crate::motion::columns::check_cutoff;
-use crate::motion::external_loads::ExternalLoads;
+use crate::motion::external_loads::{ExternalLoad, ExternalLoads};
 use crate::names::counted;
 use crate::skeleton::Skeleton;
 use crate::study::loads::LoadSources;
@@ -97,6 +97,24 @@ pub fn deliver(table: &Table, model: &str, out: Option<&Path>, lines: &[String],
     print(&format!("{}: {}", counted(instants, "instant"), path.display()));
     Ok(GOOD)
 }
+
+/// What the external loads of a movement amount to, and whether one acts on a body that moves fast under it.
+pub fn load_lines(movement: &Movement<'_>) -> Vec<String> {
+    let loads = movement.loads.iter().flat_map(|loads| &loads.loads);
+    let line = |(facts, load): (LoadFacts, &ExternalLoad)| {
+        let body = &movement.skeleton.bodies[load.body].name;
+        let air = if facts.speed > IN_THE_AIR {
+            format!("; it acts while the body moves at {:.1} m/s under it: does it belong to another one?", facts.speed)
+        } else {
+            String::new()
+        };
+        format!("load {} on {body}: vertical force up to {:.2} body weights{air}", load.name, facts.peak)
+    };
+    load_facts(movement).into_iter().zip(loads).map(line).collect()
+}
+
+/// A body that moves faster than this where a force acts on it is in the air, m/s.
+const IN_THE_AIR: f64 = 1.0;
 
 /// The instants of a window.
 pub fn instants([from, to]: [f64; 2]) -> RangeInclusive<f64> {

@@ -88,6 +88,19 @@ impl Model {
         self.mechanics.as_any().downcast_ref()
     }
 
+    /// Unknowns of a spatial model that neither a muscle nor an actuator nor a held point acts on; `has_reserve` of a name.
+    pub fn undriven(&self, has_reserve: impl Fn(&str) -> bool) -> Vec<&str> {
+        let Some(spatial) = self.spatial() else { return Vec::new() };
+        let is_driven = |(number, name): (usize, &str)| {
+            self.muscles.iter().any(|muscle| muscle.path.slots().contains(&number))
+                || self.actuators.iter().any(|actuator| actuator.coordinate == name)
+                || spatial.is_held(number)
+                || has_reserve(name)
+        };
+        let names = self.mechanics.driven_coordinates().into_iter().map(|coordinate| coordinate.name).enumerate();
+        names.filter(|coordinate| !is_driven(*coordinate)).map(|(_, name)| name).collect()
+    }
+
     /// Total weight in newtons, the unit of forces inside the solver. Without gravity, one gravity is taken.
     pub fn weight(&self) -> f64 {
         let (mass, gravity) = self.mechanics.mass_and_gravity();

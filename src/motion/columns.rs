@@ -1,6 +1,6 @@
 //! Columns of numbers over time, by name, from a table.
 
-use super::sampling::{HIGHEST_CUTOFF, smooth_spline};
+use super::low_pass::{HIGHEST_CUTOFF, smooth_spline};
 use super::text::{Row, TextTable, at_line};
 use crate::error::{Result, SourceFile, nearest};
 use crate::numerics::cubic::CubicSpline;

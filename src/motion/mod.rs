@@ -3,11 +3,13 @@
 pub mod columns;
 pub mod external_loads;
 pub mod joint_motion;
+mod low_pass;
 pub mod sampling;
 pub mod surroundings;
 pub mod table;
 pub mod text;
 
-pub use sampling::{HIGHEST_CUTOFF, Measurement, MeasurementError, MotionSettings, low_pass, smooth_spline};
+pub use low_pass::{HIGHEST_CUTOFF, low_pass, smooth_spline};
+pub use sampling::{Measurement, MeasurementError, MotionSettings};
 pub use surroundings::Surroundings;
 pub use table::MotionTable;

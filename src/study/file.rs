@@ -34,6 +34,8 @@ pub struct StudyFile {
     pub force_smoothing_hz: f64,
     /// Start and end of the part of the motion to solve, s; the whole motion if absent.
     pub window: Option<[f64; 2]>,
+    /// The muscles to keep, by name; * matches any characters. All if absent.
+    pub muscles: Option<OneOrMany<String>>,
     /// Fixed values.
     #[serde(default)]
     #[schemars(with = "FixedValues")]

@@ -90,7 +90,12 @@ impl Study {
     /// # Errors
     /// The mistakes found first, with their places in the file.
     pub fn from_sources(sources: Sources, file: StudyFile) -> Result<Self> {
-        let (model_table, model) = load_model(&sources.model)?;
+        let (mut model_table, mut model) = load_model(&sources.model)?;
+        if let Some(muscles) = &file.muscles {
+            keep_muscles(&mut model_table, &muscles.0).map_err(|issue| issue.in_file(&sources.study))?;
+            let invalid = |why: InvalidValue| Issue::new(&["muscles"], why.message, why.help).in_file(&sources.study);
+            model = changed_model(&model_table, &[]).map_err(invalid)?;
+        }
         let mut motion = MotionTable::from_file(&sources.motion, &model)?;
         check_coverage(&model, &mut motion, &sources.motion)?;
         let fail = |issue: Issue| issue.in_file(&sources.study);
@@ -174,6 +179,24 @@ impl Study {
     pub fn blocks(&self) -> Vec<&[Job]> {
         self.jobs.chunk_by(|_, next| next.warm_start_from.is_some()).collect()
     }
+}
+
+/// Removes the muscles that no pattern matches from the table of a model.
+fn keep_muscles(model: &mut toml::Table, patterns: &[String]) -> std::result::Result<(), Issue> {
+    let Some(muscles) = model.get_mut("muscle").and_then(toml::Value::as_array_mut) else { return Ok(()) };
+    let name = |muscle: &toml::Value| muscle.get("name").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
+    let names: Vec<String> = muscles.iter().map(name).collect();
+    for pattern in patterns {
+        let wild = wildmatch::WildMatch::new(pattern);
+        if !names.iter().any(|name| wild.matches(name)) {
+            let near = crate::error::nearest(pattern, names.iter().map(String::as_str));
+            let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
+            let help = format!("{near}muscles of the model: {}", names.join(", "));
+            return Err(Issue::new(&["muscles"], format!("no muscle matches `{pattern}`"), help));
+        }
+    }
+    muscles.retain(|muscle| patterns.iter().any(|pattern| wildmatch::WildMatch::new(pattern).matches(&name(muscle))));
+    Ok(())
 }
 
 fn check_name(name: &str) -> std::result::Result<(), Issue> {

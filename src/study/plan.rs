@@ -444,8 +444,9 @@ impl<'m> Plan<'m> {
         let mut before: Option<&[ModelChange]> = None;
         for job in changed.into_iter().step_by(stride) {
             if before != Some(&job.changes[..]) {
-                changed_model(self.model_table, &job.changes)
+                let model = changed_model(self.model_table, &job.changes)
                     .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
+                self.check_drives(&model, job)?;
             }
             before = Some(&job.changes);
         }
@@ -465,9 +466,26 @@ impl<'m> Plan<'m> {
         Err(complaint_at(self.place("smoothing_hz"), InvalidValue::new(message, help)))
     }
 
+    /// Refuses a coordinate that moves by forces and that nothing drives.
+    fn check_drives(&self, model: &Model, job: &Job) -> std::result::Result<(), Issue> {
+        let undriven = model.undriven(|name| job.settings.reserve(name) > 0.0);
+        let Some(first) = undriven.first() else { return Ok(()) };
+        let role = job.changes.iter().find(|change| change.path.ends_with(".role"));
+        let place = role.map_or_else(|| vec!["model".to_owned()], |change| self.place(&change.path));
+        let message = format!("no muscle, actuator or reserve drives {}, which move by forces", undriven.join(", "));
+        let help = format!(
+            "lock it (`\"coordinate.{first}.locked\" = true`), give its body the role \"given\", or add a reserve \
+             (`\"reserves.{first}\" = 1.0`)"
+        );
+        Err(complaint_at(place, InvalidValue::new(message, help)))
+    }
+
     /// Refuses settings that do not fit the model or one another.
     pub fn check_settings(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
         for job in jobs {
+            if job.changes.is_empty() {
+                self.check_drives(model, job)?;
+            }
             if job.settings.effort_power != 2.0 && !job.settings.bounds.kinds().contains(&BoundKind::Activation) {
                 let message = format!("{} with bounds = \"{}\"", job.settings.effort_power, job.settings.bounds.name());
                 let help = "a power other than 2 needs a ≥ 0: set bounds = \"both\", or another with activation";

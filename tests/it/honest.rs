@@ -231,7 +231,7 @@ const LIFT: &str =
 
 #[test]
 fn what_a_model_loses_is_said_wherever_a_study_names_it() {
-    let reserve = "<CoordinateActuator name=\"reserve\"><coordinate>elbow_angle</coordinate></CoordinateActuator>";
+    let reserve = "<TorqueActuator name=\"reserve\"/>";
     let model = osim("", reserve, BODY, HINGE);
     let text_of_study = "name = 's'\nmodel = 'm.osim'\nmotion = 'lift.mot'\n[base]\nh = 0.1\nregularity = 'off'\n";
     let folder = folder(&[("m.osim", &model), ("lift.mot", LIFT), ("study.toml", text_of_study)]);
@@ -239,7 +239,7 @@ fn what_a_model_loses_is_said_wherever_a_study_names_it() {
     {
         let run = sinew(arguments, folder.path());
         let said = text(&run.stdout) + &text(&run.stderr);
-        assert!(said.contains("CoordinateActuator reserve"), "{arguments:?}: {said}");
+        assert!(said.contains("TorqueActuator reserve"), "{arguments:?}: {said}");
     }
     // --strict concerns losses only.
     let strict = |model: &str| {
@@ -256,8 +256,6 @@ fn a_study_in_which_nothing_moves_is_refused_and_given_muscles_stop_none() {
     let skeleton = |text: String| load_skeleton(&SourceFile { path: "m.osim".into(), text }).unwrap().1;
     let issue = skeleton(osim("", "", BODY, &locked)).check_study().unwrap_err();
     assert!(issue.message.contains("nothing moves by forces"), "{issue:?}");
-    // A muscle between the ground and a body with a given motion has a conditional point: its length needs no
-    // derivatives.
     let base = format!("<components><Body name=\"base\">{BODY}</Body></components>");
     let free = "<FreeJoint name=\"free\"><socket_parent_frame>/ground</socket_parent_frame>\
         <socket_child_frame>/base</socket_child_frame><coordinates><Coordinate name=\"c0\"/><Coordinate name=\"c1\"/>\
@@ -271,9 +269,13 @@ fn a_study_in_which_nothing_moves_is_refused_and_given_muscles_stop_none() {
     );
     let model = skeleton(osim(&base, &conditional, BODY, &format!("{HINGE}{free}")));
     assert!(model.check_study().is_ok(), "{:?}", model.obstacles());
-    let on_moved = conditional.replace("/base", "/bodyset/fore");
-    let obstacles = skeleton(osim("", &on_moved, BODY, HINGE)).obstacles();
-    assert_eq!(obstacles.len(), 1, "{obstacles:?}");
+    let massless = "<mass>0</mass><mass_center>0 -0.17 0</mass_center><inertia>0 0 0 0 0 0</inertia>";
+    let mut model = skeleton(osim("", "", BODY, HINGE));
+    (model.bodies[0].mass, model.bodies[0].inertia) = (0.0, [0.0; 6]);
+    let obstacles = model.obstacles();
+    assert!(obstacles.len() == 1 && obstacles[0].message.contains("moves no mass"), "{obstacles:?}");
+    // On import it gets a small one.
+    assert!(skeleton(osim("", "", massless, HINGE)).check_study().is_ok());
 }
 
 #[test]
@@ -293,9 +295,18 @@ fn check_lists_all_mistakes_and_all_obstacles() {
     for mistake in ["base.h", "unknown setting `mue`", "found \"all\""] {
         assert!(said("study.toml").contains(mistake), "{mistake}: {}", said("study.toml"));
     }
-    let kinds = sinew(&["check", root().join("tests/fixtures/osim/kinds_v4.osim").to_str().unwrap()], folder.path());
-    let listed = text(&kinds.stdout);
-    for obstacle in ["joint.knee_joint", "joint.rider_joint", "muscle.moving_line", "muscle.moving_curve"] {
+    // Two joints that move nothing with a mass.
+    let joint = |name: &str, body: &str| {
+        format!(
+            "[[body]]\nname = \"{body}\"\nmass = 0.0\ncentre_of_mass = [0.0, 0.0, 0.0]\ninertia = [0.0, 0.0, 0.0, 0.0, \
+             0.0, 0.0]\n[[joint]]\nname = \"of_{body}\"\nkind = \"axes\"\nparent = \"ground\"\nchild = \"{body}\"\n\
+             rotations = [{{ coordinate = \"{name}\", axis = [0.0, 0.0, 1.0] }}]\n[[coordinate]]\nname = \"{name}\"\n"
+        )
+    };
+    let empty = format!("name = \"m\"\ndimensions = 3\n{}{}", joint("one", "a"), joint("two", "b"));
+    std::fs::write(folder.path().join("empty.toml"), empty).unwrap();
+    let listed = text(&sinew(&["check", "empty.toml"], folder.path()).stdout);
+    for obstacle in ["coordinate.one", "coordinate.two"] {
         assert!(listed.contains(obstacle), "{obstacle}: {listed}");
     }
 }

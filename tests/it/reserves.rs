@@ -171,7 +171,6 @@ fn mistakes_are_told_apart() {
     assert!(study("arm", "reserves = -1").contains("N m"));
     assert!(study("arm", "reserves = 5\nmu = 0").contains("arbitrary"));
     assert!(study("arm", "effort_power = 3\nbounds = \"excitation\"").contains("a ≥ 0"));
-    assert!(study("upper_limb", "h = 0.1\nreserves = 5.0").contains("planar"));
 }
 
 /// The reserves of neighbouring jobs differ, and with them the unknowns: functions are found by name.

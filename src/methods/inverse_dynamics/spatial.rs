@@ -3,12 +3,15 @@
 use std::ops::RangeInclusive;
 
 use super::NetForce;
+use nalgebra::Vector3;
+
 use crate::model::tree::Tree;
 use crate::model::tree::dynamics::{Dynamics, Load, Point, State};
+use crate::model::tree::screw::{angular, linear};
 use crate::motion::external_loads::{ExternalLoads, LoadAt};
 use crate::motion::{MotionTable, smooth_spline};
 use crate::numerics::cubic::CubicSpline;
-use crate::skeleton::frame::{Frame, dot, norm};
+use crate::skeleton::frame::{Frame, Vector, cross, dot, norm};
 use crate::skeleton::{Coordinate, Skeleton};
 
 /// A measured motion of a spatial model, with what acts on it from outside.
@@ -91,9 +94,45 @@ impl Snapshot {
     }
 }
 
-/// The net forces at the instants of a movement, of coordinates that are neither locked nor follow others; and of each
-/// external load its largest vertical force over the weight of all bodies.
-pub fn net_forces(movement: &Movement<'_>) -> (Vec<NetForce>, Vec<f64>) {
+/// What an external load amounts to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LoadFacts {
+    /// Largest vertical force, weights of all bodies.
+    pub peak: f64,
+    /// Largest speed (m/s) of its body at the centre of pressure, while the vertical force is above [`STANDING`].
+    pub speed: f64,
+}
+
+/// A foot stands with more than this vertical force, body weights.
+const STANDING: f64 = 0.2;
+
+/// Of each external load of a movement.
+pub fn load_facts(movement: &Movement<'_>) -> Vec<LoadFacts> {
+    let skeleton = movement.skeleton;
+    let mut facts = vec![LoadFacts::default(); movement.loads.map_or(0, |loads| loads.loads.len())];
+    let unit = (norm(&skeleton.gravity) * weight(skeleton)).max(f64::MIN_POSITIVE);
+    let up = skeleton.gravity.map(|g| -g / norm(&skeleton.gravity).max(f64::MIN_POSITIVE));
+    for &t in &movement.time {
+        let now = movement.at(t);
+        let twists = now.dynamics(&movement.tree).twists();
+        for ((load, body), own) in now.loads.iter().zip(&mut facts) {
+            let vertical = -dot(&load.force, &skeleton.gravity) / unit;
+            own.peak = own.peak.max(vertical);
+            let Some(link) = movement.tree.places[*body].0.filter(|_| vertical > STANDING) else { continue };
+            // Where the wrench's moment has no component across the vertical, at the height of the ground.
+            let of_force = cross(&load.point, &load.force);
+            let moment: Vector = [0, 1, 2].map(|i| load.moment[i] + of_force[i]);
+            let centre = cross(&up, &moment).map(|x| x / dot(&up, &load.force));
+            let (twist, _) = twists[link];
+            let speed = linear(&twist) + angular(&twist).cross(&Vector3::from(centre));
+            own.speed = own.speed.max(speed.norm());
+        }
+    }
+    facts
+}
+
+/// The net forces at the instants of a movement, of coordinates that are neither locked nor follow others.
+pub fn net_forces(movement: &Movement<'_>) -> Vec<NetForce> {
     let skeleton = movement.skeleton;
     let residuals = residuals(movement);
     let driven = skeleton.coordinates.iter().enumerate().filter(|(_, c)| !c.locked && c.follows.is_none());
@@ -103,17 +142,12 @@ pub fn net_forces(movement: &Movement<'_>) -> (Vec<NetForce>, Vec<f64>) {
             (c, NetForce { coordinate: name, is_angle: coordinate.is_angle, is_residual, values: Vec::new() })
         })
         .collect();
-    let (gravity, weight) = (norm(&skeleton.gravity), weight(skeleton));
-    let mut peaks = vec![0.0f64; movement.loads.map_or(0, |loads| loads.loads.len())];
     for &t in &movement.time {
         let now = movement.at(t);
-        for ((load, _), peak) in now.loads.iter().zip(&mut peaks) {
-            *peak = peak.max(-dot(&load.force, &skeleton.gravity) / (gravity * weight).max(f64::MIN_POSITIVE));
-        }
         let forces = now.dynamics(&movement.tree).generalised_forces();
         found.iter_mut().for_each(|(c, own)| own.values.push(forces[*c]));
     }
-    (found.into_iter().map(|(_, own)| own).collect(), peaks)
+    found.into_iter().map(|(_, own)| own).collect()
 }
 
 /// The six coordinates of a base that floats: what acts there beside the loads would be zero if model, motion and loads

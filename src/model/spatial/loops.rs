@@ -111,6 +111,11 @@ impl Loop {
 }
 
 impl Loop {
+    /// Whether the functions depend on a coordinate.
+    pub fn depends_on(&self, number: usize) -> bool {
+        self.slots.contains(&number)
+    }
+
     /// The forces (N) of a reaction, which acts against Φ, on the two bodies, with their points (m); in the ground's axes.
     pub fn forces(&self, links: &[PlacedLink<f64>], reaction: &Vector) -> [(usize, Vector, Vector); 2] {
         let force = self.common.map_or(*reaction, |common| turned(&links[common].frame, reaction));

@@ -73,6 +73,11 @@ impl Spatial {
         (!path.slots.is_empty()).then_some(path)
     }
 
+    /// Whether a held point depends on an unknown.
+    pub fn is_held(&self, unknown: usize) -> bool {
+        self.loops.iter().any(|held| held.depends_on(unknown))
+    }
+
     /// The angle (rad) of each turn's long axis about its axis, from where it hangs along that of the other body (0)
     /// outwards. `frames`: of all bodies.
     pub fn turns_reached(&self, frames: &[Frame<f64>]) -> Vec<(&str, f64)> {
