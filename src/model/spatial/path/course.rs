@@ -148,12 +148,6 @@ impl<'p> Course<'p> {
         found.into_iter().map(|touch| Touch { surface: known[touch.surface], ..touch }).collect()
     }
 
-    /// Whether the path touches a torus. The cylinder in its place moves with the path, so that the derivatives are not
-    /// those of the pieces.
-    pub fn is_through_torus(&self) -> bool {
-        self.touched.iter().any(|touch| matches!(self.path.surfaces[touch.surface].shape, Shape::Torus { .. }))
-    }
-
     fn point(&self, k: usize) -> End {
         End::Point(self.active[k], self.places[k])
     }
@@ -245,7 +239,19 @@ impl<'p> Course<'p> {
                     let (arriving, leaving) = (minus(&contact.first, &from), minus(&to, &contact.last));
                     out.value += norm(&arriving) + contact.length + norm(&leaving);
                     let (arriving, leaving) = (unit(&arriving), unit(&leaving));
-                    let on = &self.path.surfaces[*surface].on;
+                    let Obstacle { on, frame, shape, .. } = &self.path.surfaces[*surface];
+                    if let Shape::Torus { .. } = shape {
+                        // Its contacts slide on what takes its place: pulls of the whole piece, on both sides of its ends.
+                        let placed = self.frame(on) * *frame;
+                        let [a, b] = [from, to].map(|x| placed.inverse().point(&x));
+                        let gradient = shape.curvature(&a, &b, contact).0;
+                        for (end, k) in [(piece.from, 0), (piece.to, 3)] {
+                            let way = turned(&placed, &std::array::from_fn(|i| gradient[k + i]));
+                            self.pull_end(end, &way, out);
+                            self.pull(on, &end.place(), &way.map(|x| -x), out);
+                        }
+                        continue;
+                    }
                     self.pull_end(piece.from, &arriving.map(|x| -x), out);
                     self.pull(on, &contact.first, &arriving, out);
                     self.pull(on, &contact.last, &leaving.map(|x| -x), out);

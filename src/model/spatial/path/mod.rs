@@ -28,9 +28,6 @@ use mover::{Moved, Mover};
 
 /// Size of the step along a direction in which third derivatives are taken by differences.
 const STEP: f64 = 2e-6;
-/// Steps of the differences of a path through a torus, for first and second derivatives, rad or m.
-const TORUS_STEP: f64 = 1e-5;
-const TORUS_BEND_STEP: f64 = 1e-3;
 /// The width over which a point with a condition comes or goes, of a condition on an angle, rad.
 pub const SWITCH_ANGLE: f64 = 5.0 * std::f64::consts::PI / 180.0;
 /// The same of a condition on a displacement, m.
@@ -190,10 +187,6 @@ impl SpatialPath {
         out.hessian.fill(0.0);
         let pose = self.linkage.pose(q);
         let mut shares = self.shares(&pose.coordinates);
-        let has_torus = self.surfaces.iter().any(|surface| matches!(surface.shape, Shape::Torus { .. }));
-        if has_torus && shares.iter().any(|s| Course::new(self, &pose, s.active.clone(), near).is_through_torus()) {
-            return self.length_by_differences(q, second, out);
-        }
         if shares.len() == 1 {
             let active = shares.remove(0).active;
             return Course::new(self, &pose, active, near).add_length(second, near, out);
@@ -205,47 +198,6 @@ impl SpatialPath {
             add_product(&weight, &length, out);
         }
         touched
-    }
-
-    /// The length of a path through a torus, with derivatives by central differences of lengths.
-    ///
-    /// DEPARTURE [exact derivatives]: those of first order are accurate to about 1e-9, those of second order to about 1e-6.
-    fn length_by_differences(&self, q: &[f64], second: bool, out: &mut PathLength<f64>) -> Vec<Touch> {
-        let n = self.slots.len();
-        let length = |steps: &[(usize, f64)]| {
-            let mut moved = q.to_vec();
-            steps.iter().for_each(|&(i, step)| moved[self.slots[i]] += step);
-            self.value(&moved)
-        };
-        let (value, touched) = length(&[]);
-        out.value = value;
-        for i in 0..n {
-            let [up, down] = [TORUS_STEP, -TORUS_STEP].map(|step| length(&[(i, step)]).0);
-            out.gradient[i] = (up - down) / (2.0 * TORUS_STEP);
-            for j in 0..if second { i + 1 } else { 0 } {
-                let at = |a: f64, b: f64| length(&[(i, a * TORUS_BEND_STEP), (j, b * TORUS_BEND_STEP)]).0;
-                let bend = if i == j {
-                    at(0.5, 0.5) - 2.0 * value + at(-0.5, -0.5)
-                } else {
-                    0.25 * (at(1.0, 1.0) - at(1.0, -1.0) - at(-1.0, 1.0) + at(-1.0, -1.0))
-                };
-                let bend = bend / (TORUS_BEND_STEP * TORUS_BEND_STEP);
-                (out.hessian[i * n + j], out.hessian[j * n + i]) = (bend, bend);
-            }
-        }
-        touched
-    }
-
-    /// The length alone, and what the path touches.
-    fn value(&self, q: &[f64]) -> (f64, Vec<Touch>) {
-        let pose = self.linkage.pose(q);
-        let (mut value, mut touched) = (0.0, Vec::new());
-        for Share { active, weight } in self.shares(&pose.coordinates) {
-            let mut length = self.buffer();
-            touched = Course::new(self, &pose, active, &[]).add_length(false, &[], &mut length);
-            value += weight.value * length.value;
-        }
-        (value, touched)
     }
 
     /// The sets of points that the path passes through at these values of the skeleton's coordinates.
