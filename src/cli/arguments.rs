@@ -122,6 +122,7 @@ pub enum Command {
     #[command(after_help = "Examples:
   sinew new my_study   on the reference arm, written beside it
   sinew new my_study --model arm26.osim --motion curl.mot
+  sinew new walk --model gait.osim --motion ik.sto --loads grf.xml --window 0.5 1.6
 
 Next: sinew run my_study.toml")]
     New {
@@ -133,6 +134,12 @@ Next: sinew run my_study.toml")]
         /// Motion (.csv, .mot, .sto)
         #[arg(long, value_name = "FILE", requires = "model")]
         motion: Option<PathBuf>,
+        /// External loads, such as ground reactions (.xml of OpenSim, .toml): all bodies then move by forces
+        #[arg(long, value_name = "FILE", requires = "model")]
+        loads: Option<PathBuf>,
+        /// Part of the motion to solve, s
+        #[arg(long, num_args = 2, value_names = ["FROM", "TO"], requires = "model", allow_negative_numbers = true)]
+        window: Option<Vec<f64>>,
     },
     /// List what a study can set and sweep: its settings, or the numeric parameters of a model
     #[command(after_help = "Examples:

@@ -58,7 +58,10 @@ pub fn main() -> ExitCode {
 
 fn run_command(command: Command) -> Result<u8> {
     match command {
-        Command::New { name, model, motion } => new::new(&name, model.zip(motion)),
+        Command::New { name, model, motion, loads, window } => {
+            let window = window.map(|ends| [ends[0], ends[1]]);
+            new::new(&name, model.zip(motion).map(|(model, motion)| new::Named { model, motion, loads, window }))
+        }
         Command::Keys { model, pattern, look } => keys::keys(model.as_deref(), pattern.as_deref(), look),
         Command::Plan { study, out, all, look } => plan::plan(&study, out, all, look),
         Command::Run { study, out, jobs, fresh, failed, outdated, shard } => {

@@ -64,7 +64,7 @@ pub struct Settings {
     /// Measured instants per interval. The default is twice the number of collocation points per interval.
     #[schemars(range(min = 1, max = 1000))]
     pub measurement_ratio: Option<usize>,
-    /// Standard deviation of seeded Gaussian noise on measured body coordinates, m and rad.
+    /// Standard deviation of seeded Gaussian noise on measured coordinates, m and rad.
     #[schemars(range(min = 0.0, max = 1e3))]
     pub noise_sd: f64,
     /// Cut-off frequency of the zero-lag Butterworth low-pass filter of the motion, Hz; 0 for no filter.

@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::Solution;
 use crate::methods::Drive;
+use crate::methods::inverse_dynamics::spatial::{residuals, weight};
 use crate::outcome::ReserveRow;
 
 impl Solution<'_> {
@@ -14,6 +15,7 @@ impl Solution<'_> {
         }
         let locals = self.complete_locals();
         let weights = self.weights();
+        let (residuals, unit) = self.residuals();
         let net: Option<Vec<Vec<f64>>> = locals.iter().map(|z| self.net_moments(z)).collect();
         let row = |drive: &Drive<'_>| {
             let values: Vec<f64> = locals.iter().map(|z| drive.moment * z[drive.control]).collect();
@@ -31,16 +33,30 @@ impl Solution<'_> {
                 rms_moment_n_m: is_angle.then_some(rms),
                 peak_force_n: (!is_angle).then_some(peak),
                 rms_force_n: (!is_angle).then_some(rms),
-                share: net.filter(|net| *net > 0.0).map(|net| peak / net),
+                share: if residuals.contains(&drive.coordinate.name) {
+                    Some(peak / unit)
+                } else {
+                    net.filter(|net| *net > 0.0).map(|net| peak / net)
+                },
             }
         };
         self.inverse.actuators.iter().map(row).collect()
     }
 
+    /// Names of the coordinates of a floating base, where all that acts is a residual, and what residuals are measured by: the
+    /// weight of all bodies, N (times 1 m).
+    fn residuals(&self) -> (Vec<&str>, f64) {
+        let Some(spatial) = self.model().spatial() else { return (Vec::new(), 1.0) };
+        let (skeleton, weight) = (&spatial.skeleton, weight(&spatial.skeleton));
+        let names = residuals(skeleton, &spatial.linkage.tree);
+        let names = names.into_iter().map(|c| skeleton.coordinates[c].name.as_str()).collect();
+        (names, if weight > 0.0 { weight } else { 1.0 })
+    }
+
     /// The moments (N m) or forces (N) of all muscles and actuators at the joint coordinates: their work along the motion in
     /// which one coordinate changes at a rate of 1 and all others stay. `None` if joints that close a loop, or have no
     /// coordinate, leave that motion open.
-    fn net_moments(&self, z: &[f64]) -> Option<Vec<f64>> {
+    pub(super) fn net_moments(&self, z: &[f64]) -> Option<Vec<f64>> {
         let q = self.inverse.motion.all.of(z);
         let along: DMatrix<f64> = self.model().mechanics.coordinate_directions(q)?;
         let mut moments = vec![0.0; along.ncols()];

@@ -48,6 +48,12 @@ impl Solution<'_> {
                     }
                 }
             }
+            if let Some(net) = complete.then(|| self.net_moments(&z)).flatten() {
+                for (coordinate, value) in model.mechanics.driven_coordinates().iter().zip(net) {
+                    let signal = if coordinate.is_angle { "net_moment_n_m" } else { "net_force_n" };
+                    push(t, signal, coordinate.name, value, end);
+                }
+            }
             if complete {
                 self.push_joints(&z, &mut |signal, name, value| push(t, signal, name, value, end));
             }

@@ -537,7 +537,8 @@ fn reserves<'o>() -> Vec<Column<Line<'o, ReserveRow>>> {
             "share",
             "1",
             "peak relative to the peak of the net moment or force of muscles and actuators at this coordinate; null \
-             where joints close a loop",
+             where joints close a loop; of a floating base, where it is a residual, relative to the weight of all bodies \
+             (times 1 m)",
             |l| l.row.share,
         ),
     ]
@@ -601,10 +602,12 @@ fn trajectories<'o>() -> Vec<Column<Line<'o, TrajectoryRow>>> {
         C::number("time_s", "s", "time, as in the motion file", |l| Some(l.row.time_s)),
         C::text(
             "signal",
-            "`coordinate`, `measured`, `acceleration` (body coordinates: m, rad and Euler parameters), \
+            "`coordinate`, `measured`, `acceleration` (the unknowns of the motion: m, rad), \
              `joint_coordinate`, `measured_joint_coordinate` (m, rad), `activation`, `excitation` (1), `fibre_length` \
              (optimal fibre lengths), `fibre_velocity` (optimal fibre lengths/s), `force_n`, `reaction_n`, `actuator_force_n` (N), \
-             `actuator_moment_n_m` (N m), `path_point_m`, `bone_point_m` (m), `bound_active` (0 or 1)",
+             `actuator_moment_n_m` (N m), `net_moment_n_m`, `net_force_n` (of all muscles and actuators at a joint \
+             coordinate), `joint_force_n`, `joint_moment_n_m` (on a joint's child at the joint, in the axes of ground, parent \
+             and child), `path_point_m`, `bone_point_m` (m), `bound_active` (0 or 1)",
             |l| Some(l.row.signal.clone()),
         ),
         C::text("name", "of the coordinate, muscle, joint or bound", |l| Some(l.row.name.clone())),

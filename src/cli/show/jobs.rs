@@ -44,7 +44,12 @@ pub fn print(results: &Results, extent: Extent) {
             |row| format!("{}/{}", count("predicted_deficiency_a", row), count("predicted_deficiency_aj", row));
         sheet.number("predicted", 6, rows.clone().map(predicted).collect());
     }
-    sheet.number("tracking, mm", 2, number("tracking_rms_m", 2, 1e3));
+    // A model without displacements has angles to track only.
+    if rows.clone().any(|row| jobs.number("tracking_rms_m", row).is_some()) {
+        sheet.number("tracking, mm", 2, number("tracking_rms_m", 2, 1e3));
+    } else {
+        sheet.number("tracking, °", 2, number("tracking_rms_deg", 2, 1.0));
+    }
     sheet.number("effort, s", 4, number("effort", 5, 1.0));
     sheet.number("iterations", 6, whole("iterations"));
     sheet.number("objective", 6, number("objective", 7, 1.0));

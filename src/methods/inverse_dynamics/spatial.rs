@@ -134,7 +134,7 @@ pub fn load_facts(movement: &Movement<'_>) -> Vec<LoadFacts> {
 /// The net forces at the instants of a movement, of coordinates that are neither locked nor follow others.
 pub fn net_forces(movement: &Movement<'_>) -> Vec<NetForce> {
     let skeleton = movement.skeleton;
-    let residuals = residuals(movement);
+    let residuals = residuals(skeleton, &movement.tree);
     let driven = skeleton.coordinates.iter().enumerate().filter(|(_, c)| !c.locked && c.follows.is_none());
     let mut found: Vec<(usize, NetForce)> = driven
         .map(|(c, coordinate)| {
@@ -152,9 +152,8 @@ pub fn net_forces(movement: &Movement<'_>) -> Vec<NetForce> {
 
 /// The six coordinates of a base that floats: what acts there beside the loads would be zero if model, motion and loads
 /// agreed.
-fn residuals(movement: &Movement<'_>) -> Vec<usize> {
-    let skeleton = movement.skeleton;
-    let is_on_ground = |body: usize| movement.tree.places[body].0.is_none();
+pub fn residuals(skeleton: &Skeleton, tree: &Tree) -> Vec<usize> {
+    let is_on_ground = |body: usize| tree.places[body].0.is_none();
     let joints = skeleton.joints.iter().filter(|joint| joint.parent.is_none_or(is_on_ground));
     let mut found = joints.map(|joint| {
         let mut own = joint.motion.coordinates();
