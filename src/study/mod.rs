@@ -183,7 +183,8 @@ impl Study {
 
 /// Removes the muscles that no pattern matches from the table of a model.
 fn keep_muscles(model: &mut toml::Table, patterns: &[String]) -> std::result::Result<(), Issue> {
-    let Some(muscles) = model.get_mut("muscle").and_then(toml::Value::as_array_mut) else { return Ok(()) };
+    let muscles = model.entry("muscle").or_insert_with(|| toml::Value::Array(Vec::new()));
+    let Some(muscles) = muscles.as_array_mut() else { return Ok(()) };
     let name = |muscle: &toml::Value| muscle.get("name").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
     let names: Vec<String> = muscles.iter().map(name).collect();
     for pattern in patterns {

@@ -45,13 +45,13 @@ point = "end_"
 moment = "turn_"
 "#;
 
-fn angle(t: f64) -> [f64; 3] {
+pub fn angle(t: f64) -> [f64; 3] {
     let (size, rate) = (0.5, 2.0 * PI);
     [size * (rate * t).sin(), size * rate * (rate * t).cos(), -size * rate * rate * (rate * t).sin()]
 }
 
 /// The files of a pendulum that swings for a second, with forces over the first `until` seconds.
-fn files(until: f64) -> [(&'static str, String); 4] {
+pub fn files(until: f64) -> [(&'static str, String); 4] {
     let time = |last: f64| (0..=(200.0 * last).round() as usize).map(|k| k as f64 / 200.0);
     let motion: String = time(1.0).map(|t| format!("{t},{}\n", angle(t)[0])).collect();
     let row = |t: f64| {
@@ -70,7 +70,7 @@ fn files(until: f64) -> [(&'static str, String); 4] {
     ]
 }
 
-fn in_folder(files: &[(&str, String)]) -> tempfile::TempDir {
+pub fn in_folder(files: &[(&str, String)]) -> tempfile::TempDir {
     folder(&files.iter().map(|(name, text)| (*name, text.as_str())).collect::<Vec<_>>())
 }
 

@@ -13,6 +13,7 @@ mod engine;
 mod folders;
 mod honest;
 mod inverse_dynamics;
+mod loads;
 mod nlp;
 mod opensim;
 mod other_readers;

@@ -199,6 +199,116 @@ fn lengths_of_spatial_paths_have_their_derivatives() {
     assert!(compared > 10_000, "{compared}");
 }
 
+/// A hinge and a ball joint, with a path that has points which come and go and which move, one with the elevation of the ball,
+/// and a path through a torus.
+const ODD_PATHS: &str = r#"
+name = "odd paths"
+dimensions = 3
+body = [
+    { name = "upper", mass = 2.0, centre_of_mass = [0.0, -0.15, 0.0], inertia = [0.02, 0.005, 0.02, 0.0, 0.0, 0.0] },
+    { name = "lower", mass = 1.0, centre_of_mass = [0.0, -0.15, 0.0], inertia = [0.01, 0.002, 0.01, 0.0, 0.0, 0.0] },
+]
+coordinate = [{ name = "plane" }, { name = "elevation" }, { name = "spin" }, { name = "elbow" }]
+
+[[joint]]
+name = "shoulder"
+kind = "axes"
+ball = true
+parent = "ground"
+child = "upper"
+rotations = [
+    { coordinate = "plane", axis = [0.0, 1.0, 0.0] },
+    { coordinate = "elevation", axis = [-1.0, 0.0, 0.0] },
+    { coordinate = "spin", axis = [-0.08, 0.99, -0.06] },
+]
+
+[[joint]]
+name = "elbow"
+kind = "axes"
+parent = "upper"
+child = "lower"
+parent_point = [0.0, -0.3, 0.0]
+rotations = [{ coordinate = "elbow", axis = [0.0, 0.1, 1.0] }]
+
+[[surface]]
+name = "ring"
+kind = "torus"
+body = "upper"
+point = [0.03, -0.2, 0.0]
+rotation = [1.5707963267948966, 0.0, 0.0]
+ring_radius = 0.02
+radius = 0.004
+
+[[muscle]]
+name = "switched"
+max_isometric_force = 100.0
+optimal_fibre_length = 0.1
+tendon_slack_length = 0.1
+path = [
+    { body = "ground", point = [0.05, 0.02, 0.03], y = { coordinate = "elevation", by = { polynomial = [0.0, 0.01, 0.004] } } },
+    { body = "upper", point = [0.04, -0.1, 0.01], x = { coordinate = "elbow", by = { polynomial = [0.0, 0.005, -0.003] } } },
+    { body = "upper", point = [0.05, -0.28, 0.0], when = { coordinate = "elbow", range = [0.5, 3.0] } },
+    { body = "lower", point = [0.02, -0.05, 0.01] },
+]
+
+[[muscle]]
+name = "ringed"
+max_isometric_force = 100.0
+optimal_fibre_length = 0.1
+tendon_slack_length = 0.1
+path = [{ body = "ground", point = [0.15, 0.02, 0.05] }, { body = "lower", point = [0.03, -0.06, 0.03] }]
+surfaces = ["ring"]
+"#;
+
+#[test]
+fn points_that_move_come_and_go_and_tori_have_their_derivatives() {
+    let model = model(ODD_PATHS);
+    assert_eq!(model.mechanics.coordinate_names(), ["shoulder_1", "shoulder_2", "shoulder_3", "elbow"]);
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(33);
+    let (mut compared, mut between, mut ringed) = (0, 0, 0);
+    for round in 0..60 {
+        let mut q: Vec<f64> = (0..4).map(|_| rng.random_range(-0.7..0.7)).collect();
+        // The elevation is singular where the arm hangs.
+        q[0] += if q[0] < 0.0 { -0.2 } else { 0.2 };
+        q[3] = if round % 2 == 0 { rng.random_range(0.46..0.54) } else { rng.random_range(0.0..1.5) };
+        for muscle in &model.muscles {
+            let sinew::internals::model::path::Path::Spatial(path) = &muscle.path else { unreachable!() };
+            let evaluate = |q: &[f64], second: bool| {
+                let mut out = muscle.path.buffer();
+                let touched = path.length(q, second, &mut out);
+                (out, touched)
+            };
+            let (exact, touched) = evaluate(&q, true);
+            between += usize::from(muscle.name == "switched" && (q[3] - 0.5).abs() < 0.04);
+            ringed += usize::from(!touched.is_empty());
+            let n = path.slots.len();
+            for i in 0..n {
+                let e = 1e-5;
+                let shifted = |e: f64| {
+                    let mut q = q.clone();
+                    q[path.slots[i]] += e;
+                    evaluate(&q, false)
+                };
+                let ((up, up_touched), (down, down_touched)) = (shifted(e), shifted(-e));
+                if up_touched != touched || down_touched != touched {
+                    continue;
+                }
+                let slope = (up.value - down.value) / (2.0 * e);
+                assert!((slope - exact.gradient[i]).abs() < 1e-7, "{} {i} {slope} {}", muscle.name, exact.gradient[i]);
+                for j in 0..n {
+                    let bend = (up.gradient[j] - down.gradient[j]) / (2.0 * e);
+                    let value = exact.hessian[i * n + j];
+                    let size = 1.0 + exact.hessian.iter().fold(0.0f64, |a, h| a.max(h.abs()));
+                    let sharp = if touched.is_empty() { 1e-6 } else { 1e-4 };
+                    assert!((bend - value).abs() < sharp * size, "{} {i} {j} {bend} {value}", muscle.name);
+                    compared += 1;
+                }
+            }
+        }
+    }
+    assert!(compared > 1500 && between > 20 && ringed > 10, "{compared} {between} {ringed}");
+}
+
 /// Sixth-order central differences: positions in steps, and weights.
 const STENCIL: [(f64, f64); 6] =
     [(-3.0, -1.0 / 60.0), (-2.0, 0.15), (-1.0, -0.75), (1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0)];
