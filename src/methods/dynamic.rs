@@ -12,6 +12,7 @@ use crate::problem::blocks::activation::Activation;
 use crate::problem::blocks::contraction::Contraction;
 use crate::problem::blocks::equation_of_motion::EquationOfMotion;
 use crate::problem::blocks::joints::Joints;
+use crate::problem::blocks::passive::PassiveMoment;
 use crate::problem::blocks::reserve::Reserve;
 use crate::problem::blocks::stabilisation::Stabilisation;
 use crate::problem::{Bounded, Builder, Goal, Kind, goals};
@@ -127,6 +128,15 @@ fn add_motion<'m>(problem: &mut Builder<'m>, model: &'m Model, motion: &MotionVa
         loads: motion.loads,
         rows: motion.equation,
     });
+    for (number, element) in model.spatial().iter().flat_map(|spatial| spatial.passive()) {
+        let rates = motion.rates.expect("a spatial model has velocities");
+        problem.block(PassiveMoment {
+            element,
+            unit: 1.0 / model.weight(),
+            variables: [coordinates.at(number), rates.at(number)],
+            row: motion.equation.at(number),
+        });
+    }
     let (reactions, rows) = (motion.reactions, motion.joints);
     problem.block(Joints { mechanics, coordinates, reactions, motion: motion.equation, rows });
     if let (Some(stabilisation), Some(velocities)) = (motion.stabilisation, motion.rates) {

@@ -19,6 +19,8 @@ pub fn mend(file: &mut SkeletonFile, notes: &mut Notes) {
     file.body.iter_mut().zip(needed).for_each(|(body, needs_mass)| mend_body(body, needs_mass, notes));
     make_unique("joint", file.joint.iter_mut().map(|joint| &mut joint.name), notes);
     make_unique("constraint", file.held_point.iter_mut().map(|held| &mut held.name), notes);
+    make_unique("actuator", file.actuator.iter_mut().map(|actuator| &mut actuator.name), notes);
+    make_unique("passive force", file.passive.iter_mut().map(|element| &mut element.name), notes);
     make_unique("muscle", file.muscle.iter_mut().map(|muscle| &mut muscle.name), notes);
     make_unique("wrapping object", file.surface.iter_mut().map(|surface| &mut surface.name), notes);
     let known: HashSet<&str> = file.surface.iter().map(|surface| surface.name.as_str()).collect();

@@ -12,6 +12,7 @@
 //! | CustomJoint | `[[joint]]`, with its constant parts in the frames |
 //! | Coordinate, its `locked` | `[[coordinate]]`, `locked` |
 //! | CoordinateActuator | `[[actuator]]` |
+//! | CoordinateLimitForce, SpringGeneralizedForce | `[[passive]]` |
 //! | CoordinateCouplerConstraint | `follows` |
 //! | PointConstraint | `[[held_point]]` |
 //! | Thelen2003-, Millard2012-, DeGrooteFregly2016Muscle | `[[muscle]]`: its parameters, with Sinew's curves |
@@ -28,6 +29,7 @@ mod joints;
 mod lost;
 mod mend;
 mod muscles;
+mod passive;
 mod repair;
 
 use document::{Defaults, Element};
@@ -177,6 +179,7 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         held_point: Vec::new(),
         force: Vec::new(),
         actuator: Vec::new(),
+        passive: Vec::new(),
         turn: Vec::new(),
         gravity: parts.gravity()?,
         curves: CurvesEntry::default(),
@@ -199,6 +202,10 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         others.into_iter().partition(|force| force.tag() == "CoordinateActuator" && force.text("coordinate").is_some());
     for actuator in actuators {
         read.actuator.push(reader.actuator(actuator)?);
+    }
+    let (passive, others): (Vec<_>, Vec<_>) = others.into_iter().partition(|force| passive::is_passive(*force));
+    for force in passive {
+        read.passive.push(passive::passive(&reader, force, &read)?);
     }
     lost::forces(others.into_iter(), &mut notes);
     for force in muscles {

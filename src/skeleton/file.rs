@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::ball::Ball;
 use super::frame::Frame;
 use super::function::{Function, FunctionEntry};
+use super::passive::{Passive, PassiveEntry};
 use super::path::{Move, MusclePath, Obstacle, PathPoint};
 use super::surface::{Shape, Side, Surface};
 use super::{Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton, Turn};
@@ -54,6 +55,9 @@ pub struct SkeletonFile {
     /// Actuators that are no muscles. Those at coordinates that do not move by forces have no effect.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub actuator: Vec<ActuatorEntry>,
+    /// Springs, dampers and soft limits at joint coordinates. Those at coordinates that do not move by forces have no effect.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub passive: Vec<PassiveEntry>,
     /// Rotations that a study may add to the motion as `motion.<name>_offset_deg`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub turn: Vec<TurnEntry>,
@@ -481,6 +485,7 @@ impl SkeletonFile {
         mistakes.take(unique("held_point", self.held_point.iter().map(|held| held.name.as_str())));
         mistakes.take(unique("force", self.force.iter().map(|force| force.name.as_str())));
         mistakes.take(unique("actuator", self.actuator.iter().map(|actuator| actuator.name.as_str())));
+        mistakes.take(unique("passive", self.passive.iter().map(|element| element.name.as_str())));
         mistakes.take(finite(&["gravity"], &self.gravity));
         if self.body.iter().any(|body| body.name == GROUND) {
             mistakes.push(Issue::new(
@@ -503,6 +508,7 @@ impl SkeletonFile {
         let forces = mistakes.all(self.force.iter().map(|force| force.check(&names)));
         let coordinates = self.coordinate.iter().map(|coordinate| coordinate.name.as_str());
         let actuators = mistakes.all(self.actuator.iter().map(|actuator| actuator.check(coordinates.clone())));
+        let passive = mistakes.all(self.passive.iter().map(|element| passive(element, &names.coordinates)));
         let turns = mistakes.all(self.turn.iter().map(|turn| turn.check(&names)));
         mistakes.none()?;
 
@@ -520,6 +526,7 @@ impl SkeletonFile {
             held_points,
             forces,
             actuators,
+            passive,
             turns,
             gravity: self.gravity,
             muscles,
@@ -613,6 +620,37 @@ fn find(kind: &str, names: &[&str], name: &str, path: &[&str]) -> Checked<usize>
         let near = nearest(name, names.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
         Issue::new(path, format!("there is no {kind} `{name}`"), format!("{near}the model has: {}", names.join(", ")))
     })
+}
+
+/// A passive element with numbers that make sense, at a coordinate of the model.
+fn passive(element: &PassiveEntry, coordinates: &[&str]) -> Checked<Passive> {
+    let place = |key: &'static str| ["passive", element.name.as_str(), key];
+    let coordinate = find("coordinate", coordinates, &element.coordinate, &place("coordinate"))?;
+    let sizes = [
+        ("stiffness", element.stiffness),
+        ("damping", element.damping),
+        ("lower_stiffness", element.lower_stiffness),
+        ("upper_stiffness", element.upper_stiffness),
+        ("limit_damping", element.limit_damping),
+    ];
+    for (key, value) in sizes {
+        if !(value >= 0.0 && value.is_finite()) {
+            return Err(Issue::new(&place(key), format!("found {value}"), "it must be a number of at least 0"));
+        }
+    }
+    positive(&place("transition"), element.transition, "rad or m")?;
+    let limits: Vec<f64> = [element.lower, element.upper, Some(element.rest)].into_iter().flatten().collect();
+    finite(&place("rest"), &limits)?;
+    if let (Some(lower), Some(upper)) = (element.lower, element.upper)
+        && lower > upper
+    {
+        return Err(Issue::new(
+            &place("lower"),
+            format!("found {lower}, above the upper limit {upper}"),
+            "exchange them",
+        ));
+    }
+    Ok(Passive { coordinate, entry: element.clone() })
 }
 
 impl BodyEntry {

@@ -10,6 +10,7 @@ pub mod file;
 pub mod frame;
 pub mod function;
 mod half_ellipsoid;
+pub mod passive;
 pub mod path;
 mod shape;
 pub mod surface;
@@ -25,6 +26,7 @@ use crate::entries::Actuator;
 use crate::numerics::Scalar;
 use frame::Frame;
 use function::Function;
+use passive::Passive;
 use path::MusclePath;
 use surface::Surface;
 
@@ -42,6 +44,7 @@ pub struct Skeleton {
     pub muscles: Vec<Muscle>,
     pub forces: Vec<Force>,
     pub actuators: Vec<Actuator>,
+    pub passive: Vec<Passive>,
     /// Gravitational acceleration, m/s².
     pub gravity: [f64; 3],
     /// Rotations that a study may add to the motion.

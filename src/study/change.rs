@@ -22,7 +22,7 @@ pub struct ModelChange {
 const OPTIONAL_TABLES: [&str; 2] = ["curves", "muscles"];
 
 /// Top-level keys of model files whose numbers a study may change.
-pub const GROUPS: [&str; 12] = [
+pub const GROUPS: [&str; 13] = [
     "actuator",
     "body",
     "joint",
@@ -34,6 +34,7 @@ pub const GROUPS: [&str; 12] = [
     "surface",
     "coordinate",
     "held_point",
+    "passive",
     "turn",
 ];
 

@@ -251,6 +251,24 @@ fn what_a_model_loses_is_said_wherever_a_study_names_it() {
 }
 
 #[test]
+fn limits_and_springs_are_imported_in_radians() {
+    let forces = "<CoordinateLimitForce name=\"stop\"><coordinate>elbow_angle</coordinate>\
+        <upper_stiffness>2</upper_stiffness><upper_limit>90</upper_limit><lower_stiffness>1</lower_stiffness>\
+        <lower_limit>-10</lower_limit><damping>0.5</damping><transition>5</transition></CoordinateLimitForce>\
+        <SpringGeneralizedForce name=\"stop\"><coordinate>elbow_angle</coordinate><stiffness>3</stiffness>\
+        <rest_length>0.2</rest_length><viscosity>0.1</viscosity></SpringGeneralizedForce>";
+    let model = load_skeleton(&SourceFile { path: "m.osim".into(), text: osim("", forces, BODY, HINGE) }).unwrap().1;
+    let [stop, spring] = &model.passive[..] else { panic!("{:?}", model.passive) };
+    let degree = 1f64.to_radians();
+    assert_eq!(stop.entry.upper, Some(90.0 * degree));
+    assert_eq!(stop.entry.lower, Some(-10.0 * degree));
+    // Ten degrees beyond the limit.
+    assert!((stop.entry.at(100.0 * degree, 0.0).value + 20.0).abs() < 1e-12);
+    assert!((stop.entry.at(-20.0 * degree, 2.0 * degree).value - (10.0 - 1.0)).abs() < 1e-12);
+    assert!((spring.entry.at(0.7, 2.0).value + 3.0 * 0.5 + 0.2).abs() < 1e-12 && spring.entry.name == "stop_2");
+}
+
+#[test]
 fn a_study_in_which_nothing_moves_is_refused_and_given_muscles_stop_none() {
     let locked = HINGE.replace("<range>0 2</range>", "<locked>true</locked>");
     let skeleton = |text: String| load_skeleton(&SourceFile { path: "m.osim".into(), text }).unwrap().1;

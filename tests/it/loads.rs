@@ -58,6 +58,36 @@ fn a_pendulum_moves_under_loads_as_inverse_dynamics_says() {
     assert!((weights - hinge.peak_force_n).abs() < 1e-9);
 }
 
+/// The same pendulum with a spring, a damper and soft limits at its hinge.
+#[test]
+fn springs_dampers_and_limits_act_at_their_coordinates() {
+    let mut files = files(1.0).to_vec();
+    files[0].1 += "\n[[passive]]\nname = \"hinge\"\ncoordinate = \"angle\"\nstiffness = 3.0\nrest = 0.1\ndamping = 0.2\n\
+        lower = -0.3\nlower_stiffness = 20.0\nupper = 0.3\nupper_stiffness = 30.0\ntransition = 0.1\nlimit_damping = 0.5\n";
+    files.push(("study.toml", STUDY.to_owned()));
+    let folder = in_folder(&files);
+    let outcome = outcome(&folder);
+    let (_, study) = study(&folder);
+    let model = study.model_of(&study.jobs[0]).unwrap();
+    let element = &model.spatial().unwrap().skeleton.passive[0].entry;
+    let push = |t: f64| if t < 0.5 { 10.0 * (2.0 * PI * t).sin().powi(2) } else { 0.0 };
+    for (t, moment) in signal(&outcome, "net_moment_n_m", "angle").into_iter().filter(|(t, _)| (0.3..0.7).contains(t)) {
+        let [q, rate, second] = angle(t);
+        let expected = (0.03 + 2.0 * 0.16) * second + 2.0 * 9.81 * 0.4 * q.sin() - 2.0 * push(t) * 0.8 * q.cos() - 1.5;
+        let expected = expected - element.at(q, rate).value;
+        assert!((moment - expected).abs() < 0.05, "{t}: {moment} {expected}");
+    }
+    let job = &study.jobs[0];
+    let prepared = super::support::prepare(&model, &study.motion, &job.settings, job.points);
+    let control = &prepared.inverse.control;
+    for q in [-0.35, 0.1, 0.34, 0.6] {
+        let mut z = vec![0.2; control.variables()];
+        z[prepared.inverse.motion.q.at(0)] = q;
+        let multipliers = vec![0.7; control.rows()];
+        super::support::check_derivatives(control, &z, &multipliers, |_| true, (1e-5, 1e-4));
+    }
+}
+
 #[test]
 fn mistakes_in_windows_loads_and_drives_are_named() {
     let mut files = files(0.6).to_vec();

@@ -24,6 +24,7 @@ use super::driven::DrivenCoordinate;
 use super::mechanics::{EachConstraint, Level, Mechanics, Motion, numbered, through};
 use super::tree::dynamics::{self, Dynamics, Load, Point, State};
 use crate::skeleton::frame::{Frame, Vector, cross, dot, norm};
+use crate::skeleton::passive::PassiveEntry;
 use crate::skeleton::{self, Skeleton};
 use linkage::Linkage;
 use loops::{Loop, ROWS};
@@ -71,6 +72,12 @@ impl Spatial {
     pub fn path(&self, muscle: &skeleton::Muscle) -> Option<SpatialPath> {
         let path = SpatialPath::new(&self.skeleton, &self.linkage, muscle);
         (!path.slots.is_empty()).then_some(path)
+    }
+
+    /// Passive elements at unknowns, with the numbers of those.
+    pub fn passive(&self) -> impl Iterator<Item = (usize, &PassiveEntry)> {
+        let number = |element: &skeleton::passive::Passive| self.linkage.free_number(element.coordinate);
+        self.skeleton.passive.iter().filter_map(move |element| Some((number(element)?, &element.entry)))
     }
 
     /// Whether a held point depends on an unknown.

@@ -13,6 +13,7 @@ pub mod activation;
 pub mod contraction;
 pub mod equation_of_motion;
 pub mod joints;
+pub mod passive;
 pub mod reserve;
 pub mod stabilisation;
 
