@@ -40,7 +40,7 @@ const LARGE: usize = 150;
 const OTHER_SEED: u64 = 77;
 
 /// Switches that are no flags: an option's name and the value that takes its ingredient out.
-const OFF: [(&str, f64); 8] = [
+const OFF: [(&str, f64); 9] = [
     ("leap.longest", 0.0),
     ("leap.corrections", 0.0),
     ("extension.doublings", 0.0),
@@ -48,6 +48,7 @@ const OFF: [(&str, f64); 8] = [
     ("interior_point.corrections", 0.0),
     ("progress.impatience", 1e6),
     ("portfolio.far", 1e6),
+    ("damping.per_error", 1e6),
     ("line_search.at_hand", 0.0),
 ];
 

@@ -1,6 +1,6 @@
 //! Initial guess by inverse dynamics (thesis, Paper B eqs 18–24).
 //!
-//! 1. Fit a spline to each measured body coordinate, which gives q, q̇ and q̈ at every collocation point.
+//! 1. Fit a spline to each measured coordinate, which gives q, q̇ and q̈ at every collocation point.
 //! 2. For each muscle and point, compute the tendon forces at zero and at full activation, assuming zero tendon
 //!    velocity (eqs 21, 22): `f_t = f_t0 + H a` (eqs 19, 20).
 //! 3. At each point, solve `min ‖a‖²` subject to the equation of motion and `0 ≤ a ≤ 1` (eq. 23), by Clarabel.
@@ -37,7 +37,7 @@ pub struct Guess<'g> {
     times: Vec<f64>,
     coordinate: SplineSpace,
     state: SplineSpace,
-    /// Spline coefficients by body coordinate.
+    /// Spline coefficients by coordinate.
     coordinates: Vec<Vec<f64>>,
     /// Spline coefficients by muscle.
     lengths: Vec<Vec<f64>>,

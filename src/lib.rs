@@ -13,10 +13,10 @@
 //! study/          study file → axes → jobs; the identity of a job. Pure.
 //! curves.rs       force–length, force–velocity and tendon curves
 //! entries.rs      what files of planar and spatial models share
-//! model/          bodies, joints, musculotendons, paths: file → checked model; spatial/: Euler parameters, wrapping
+//! model/          bodies, joints, musculotendons, paths: file → checked model; tree/, spatial/: joint coordinates, wrapping
 //! skeleton/       a spatial model in joint coordinates: frames, paths around surfaces, moment arms
 //! opensim/        OpenSim models, converted to spatial model files
-//! motion/         joint coordinates over time: file → measured body coordinates
+//! motion/         joint coordinates over time: file → measured coordinates
 //! problem/        what is to be solved, in continuous time: quantities, equations (blocks/), limits, goals
 //! methods/        which of these make up an inverse method
 //! transcription/  problem, goals → a sparse nonlinear programme

@@ -1,4 +1,5 @@
-//! The musculoskeletal model: rigid bodies, joints as constraints on body coordinates, musculotendons.
+//! The musculoskeletal model: rigid bodies and joints (in the plane as constraints on body coordinates, in space by joint
+//! coordinates), musculotendons.
 //!
 //! What the user writes is a [`file::ModelFile`] (planar) or a [`crate::skeleton::file::SkeletonFile`] (spatial); what
 //! the rest of the program sees is a checked [`Model`].

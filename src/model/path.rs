@@ -16,7 +16,7 @@ pub enum Path {
 }
 
 impl Path {
-    /// The body coordinates that the length depends on, increasing.
+    /// The unknowns of the motion that the length depends on, increasing.
     pub fn slots(&self) -> &[usize] {
         match self {
             Path::Straight(path) => &path.slots,

@@ -1,4 +1,4 @@
-//! The measured motion: from a table of joint coordinates over time to measured body coordinates.
+//! The measured motion: from a table of joint coordinates over time to measured values of the unknowns.
 
 pub mod columns;
 pub mod external_loads;

@@ -1,7 +1,8 @@
 //! δ, the weight of the proximal term: the Hessian of a sub-problem is H + δ D, D being the problem's own metric.
 //!
 //! It is raised until that is positive definite where the active constraints vanish (the factorisation's inertia
-//! tells), and falls after each full step that did not raise it, so that the last steps are Newton's.
+//! tells), and falls after each full step that did not raise it, and to a share of the error where there is no negative
+//! curvature, so that the last steps are Newton's and converge quadratically.
 
 use super::options::DampingOptions;
 use super::state::Progress;
@@ -19,10 +20,10 @@ impl Damping {
         Self { options, delta: options.first, is_curved: false }
     }
 
-    /// At a new point: without negative curvature with the exact Hessian.
-    pub fn begin(&mut self, progress: &Progress) {
+    /// At a new point with this error.
+    pub fn begin(&mut self, error: f64, progress: &Progress) {
         if !self.is_curved {
-            self.delta = self.delta.min(self.options.exact).max(self.options.least(progress));
+            self.delta = self.delta.min(self.options.near_solution(error)).max(self.options.least(progress));
         }
     }
 
@@ -53,6 +54,11 @@ impl Damping {
 }
 
 impl DampingOptions {
+    /// The largest δ to begin with at a point with this error.
+    pub fn near_solution(&self, error: f64) -> f64 {
+        (self.per_error * error).min(self.exact)
+    }
+
     fn least(&self, progress: &Progress) -> f64 {
         if progress.is_impatient() { self.smallest } else { self.floor }
     }

@@ -72,6 +72,9 @@ options! {
         exact: f64 = 5e-4,
         /// The same for an impatient solve: the convex Hessian, however good far away, creeps here.
         stubborn: f64 = 1e-2,
+        /// Without negative curvature δ starts no larger than this times the error, so that the last steps are
+        /// Newton's.
+        per_error: f64 = 3e-3,
         /// Factor after a full step that did not raise it.
         lower: f64 = 0.2,
         /// Factor against negative curvature.

@@ -154,7 +154,7 @@ impl<'p> Solver<'p> {
 
     fn step_or_restore(&mut self, record: &mut Record) -> Result<(), SqpStatus> {
         self.state.models.begin(&self.state.here.x);
-        self.damping.begin(&self.state.progress);
+        self.damping.begin(self.state.error.largest(), &self.state.progress);
         let mut recovery = Recovery::default();
         for attempt in 1..=self.options.recovery.attempts {
             if self.is_late() {

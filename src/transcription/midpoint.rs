@@ -3,7 +3,7 @@
 //! `p` collocation points `t_j = (j − 1) h`; breakpoints at the midpoints between neighbouring points, and the two ends:
 //! `p` spans. A function of degree d has `p + d` coefficients: p equations at the points, and d initial values φ, which
 //! are unknowns with equality rows of their own (thesis, Paper B eq. 13). A function has "the same degree as its highest
-//! derivative": body coordinates 2, fibre length and activation 1, excitation, reactions and controls r of actuators 0.
+//! derivative": coordinates 2, fibre length and activation 1, excitation, reactions and controls r of actuators 0.
 //!
 //! Order of the decision vector, which keeps the problem banded in time, with coefficient k of each spline in block k:
 //!

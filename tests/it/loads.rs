@@ -186,3 +186,50 @@ fn a_gait_model_walks_by_its_muscles_under_ground_reactions() {
         assert!(rms < 0.12 * range, "{coordinate}: {rms} N m of {range}");
     }
 }
+
+/// Public models with all bodies free, 0.2 s about their default pose (the shoulder whose default pose tears it apart: about
+/// one that closes it), with reserves.
+#[test]
+fn public_models_move_by_forces_about_their_default_pose() {
+    let poling = std::fs::read_to_string(super::support::root().join("data/motions/double_poling.csv")).unwrap();
+    let mut rows = poling.lines().filter(|line| !line.starts_with('#')).map(|line| line.split(',').collect::<Vec<_>>());
+    let (head, first) = (rows.next().unwrap(), rows.next().unwrap());
+    let closed = |name: &str| {
+        let column = head.iter().position(|own| *own == format!("{name}_deg"))?;
+        Some(first[column].parse::<f64>().unwrap().to_radians())
+    };
+    for file in [
+        "osim/arm26.osim",
+        "osim/thoracoscapular_plus_elbow.osim",
+        "osim/field/das3.osim",
+        "osim/field/mobl_arms_41.osim",
+        "walking/subject_walk_scaled.osim",
+    ] {
+        let Some(path) = shared(file) else { return };
+        let source = sinew::internals::error::SourceFile::read(&path).unwrap();
+        let skeleton = sinew::internals::study::load_skeleton(&source).unwrap().1;
+        let moved: Vec<_> = skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none()).collect();
+        let unit = |is_angle: bool| if is_angle { "rad" } else { "m" };
+        let names: Vec<String> = moved.iter().map(|c| format!("{}_{}", c.name, unit(c.is_angle))).collect();
+        let is_closed = file.contains("thoraco");
+        let row = |k: usize| {
+            let t = 0.01 * k as f64;
+            let sway = if is_closed { 0.0 } else { 0.005 * (10.0 * PI * t).sin() };
+            let pose = moved.iter().map(|c| {
+                let start = if is_closed { closed(&c.name).unwrap_or(c.default) } else { c.default };
+                format!(",{}", start + sway)
+            });
+            format!("{t}{}\n", pose.collect::<String>())
+        };
+        let motion = format!("time,{}\n{}", names.join(","), (0..=20).map(row).collect::<String>());
+        let text = format!(
+            "name = \"s\"\nmodel = \"{}\"\nmotion = \"motion.csv\"\n[base]\n\"body.*.role\" = \"free\"\nintervals = 8\n\
+             stages = 1\nmu = 0.1\nreserves = 100.0\nbounds = \"both_boxed\"\nregularity = \"off\"\n",
+            path.display()
+        );
+        let outcome = outcome(&folder(&[("study.toml", &text), ("motion.csv", &motion)]));
+        let degrees = outcome.job.tracking_rms_deg.unwrap();
+        println!("{file}: {degrees:.3}°, {} iterations", outcome.job.iterations.unwrap());
+        assert!(degrees < 2.0, "{file}: {degrees}°");
+    }
+}

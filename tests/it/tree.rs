@@ -88,7 +88,12 @@ fn skeleton(text: &str) -> Skeleton {
 fn skeletons() -> Vec<Skeleton> {
     let upper_limb = std::fs::read_to_string(root().join("data/models/upper_limb.toml")).unwrap();
     let mut all = vec![skeleton(ODD), skeleton(&upper_limb)];
-    for file in ["walking/subject_walk_scaled.osim", "osim/field/rat_hindlimb.osim"] {
+    for file in [
+        "walking/subject_walk_scaled.osim",
+        "osim/field/rat_hindlimb.osim",
+        "osim/field/das3.osim",
+        "osim/field/mobl_arms_41.osim",
+    ] {
         if let Some(path) = shared(file) {
             all.push(load_skeleton(&SourceFile::read(&path).unwrap()).unwrap().1);
         }

@@ -101,7 +101,7 @@ impl Spatial {
 
     /// Brings values of the skeleton's coordinates up to date, from all coordinates `q`; those of ball joints are the nearest
     /// to the values before.
-    pub fn skeleton_coordinates(&self, q: &[f64], near: &mut Vec<f64>) {
+    pub fn skeleton_coordinates(&self, q: &[f64], near: &mut [f64]) {
         let (linkage, own) = (&self.linkage, near.len());
         let known = linkage.free.iter().chain(&linkage.given).zip(q);
         known.filter(|(c, _)| **c < own).for_each(|(&c, &x)| near[c] = x);

@@ -62,9 +62,10 @@ impl Portfolio {
         delta: f64,
         to_the_end: bool,
     ) -> Result<Step, NoStep> {
+        let error = state.error.largest();
         let is_in_doubt = std::mem::take(&mut self.was_convexified);
         // What was lowered with the convex Hessian says nothing of the exact one.
-        let exact_delta = if is_in_doubt { delta.max(options.damping.exact) } else { delta };
+        let exact_delta = if is_in_doubt { delta.max(options.damping.near_solution(error)) } else { delta };
         let question =
             Question { delta, exact_delta, most: options.damping.most_exact(&state.progress), is_in_doubt, to_the_end };
         let found = self.by_second_derivatives(state, options, &question);
@@ -115,7 +116,8 @@ impl Portfolio {
         model: Model,
     ) -> Option<Step> {
         let ways = &options.portfolio;
-        let (error, coarse) = (state.error.largest(), options.interior_point.coarse);
+        let error = state.error.largest();
+        let coarse = options.interior_point.coarse;
         let (least, most, tolerance) = match model {
             Model::Exact => (question.exact_delta, question.most, options.interior_point.fine),
             _ if ways.to_the_end => (question.delta, f64::INFINITY, coarse),

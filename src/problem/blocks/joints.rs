@@ -1,4 +1,4 @@
-//! Eq. (2), the joints as constraints on body coordinates, and their part of eq. (1) (thesis, Paper B):
+//! Eq. (2), joints of planar models and held points of spatial ones as constraints, and their part of eq. (1) (thesis, Paper B):
 //!
 //! ```text
 //! … + Φ_qᵀ f_r = 0        (1)
