@@ -136,17 +136,18 @@ fn drives(skeleton: &Skeleton) -> String {
 
 /// Describes a motion: duration, sampling, and the range, largest rate and intended range of each coordinate.
 fn described_motion(table: &MotionTable, model: &Model) -> String {
-    let (start, duration) = (table.start(), table.duration());
-    let mean = duration / (table.time.len() - 1) as f64;
+    let start = table.start();
+    let mean = 1.0 / table.rate();
+    let inside = table.time.iter().filter(|t| (table.window[0]..=table.window[1]).contains(*t)).count();
     let steps = table.time.windows(2).map(|pair| pair[1] - pair[0]);
     let (least, most) = steps.fold((f64::INFINITY, 0.0f64), |(low, high), step| (low.min(step), high.max(step)));
     let even = if most - least > 1e-3 * mean { format!(", steps of {least:.6} to {most:.6} s") } else { String::new() };
     let mut out = format!(
         "motion, {} at {} instants: {start} to {} s, {:.1} Hz{even}",
         counted(table.columns.len(), "coordinate"),
-        table.time.len(),
-        table.time[table.time.len() - 1],
-        1.0 / mean
+        inside,
+        table.window[1],
+        table.rate()
     );
     let angles = model.mechanics.joint_coordinates();
     let ranges = |name: &str| {

@@ -95,7 +95,7 @@ pub struct MuscleVariables {
 }
 
 impl InverseProblem<'_> {
-    /// Body coordinate `i`, or a derivative, at time t (s).
+    /// Coordinate `i`, or a derivative, at time t (s).
     pub fn coordinate_at(&self, scheme: &dyn Discretisation, t: f64, derivative: usize, i: usize) -> Combination {
         match self.motion.velocity {
             // The velocity of the first-order form is the better one.

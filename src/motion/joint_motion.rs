@@ -60,7 +60,7 @@ impl JointMotion {
     ) -> Self {
         let (start, time_scale) = clock;
         let mut motion = Self { spatial: spatial.clone(), coordinates, start, time_scale, turns, changed: Vec::new() };
-        let changed = motion.changed_coordinates(|role| role == Role::Given);
+        let changed = motion.changed_coordinates(|role| role != Role::Free);
         if !changed.is_empty() {
             let mut near: Option<Vec<f64>> = None;
             let poses: Vec<Vec<f64>> = (instants.iter())

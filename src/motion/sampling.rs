@@ -217,6 +217,9 @@ impl MotionSettings {
                     let (offset, scale) = self.change(&coordinate.name);
                     CoordinateFunction::Spline { first: spline.at(table.start())[0], spline, offset, scale }
                 }
+                None if !coordinate.locked => {
+                    CoordinateFunction::Constant(coordinate.default + self.change(&coordinate.name).0)
+                }
                 _ => CoordinateFunction::Constant(coordinate.default),
             })
             .collect();

@@ -23,11 +23,11 @@ pub fn forces<'d>(forces: impl Iterator<Item = Element<'d>>, notes: &mut Notes) 
 fn meaning(tag: &str) -> &'static str {
     let has = |parts: &[&str]| parts.iter().any(|part| tag.contains(part));
     if has(&["HuntCrossley", "ElasticFoundation", "HalfSpace", "Contact", "Meyer"]) {
-        "left out: contact forces are not supported; supply the ground reaction with the motion, as a [[force]]"
+        "left out: contact forces are not supported; supply the ground reaction as `loads` of a study"
     } else if has(&["Actuator", "Motor"]) {
         "left out: this kind of actuator is not supported; the muscles alone produce the motion"
     } else if tag == "ExternalForce" || tag == "PrescribedForce" {
-        "left out: add a [[force]] with columns in the motion file, or the force is missing"
+        "left out: supply it as `loads` of a study, or the force is missing"
     } else if tag.contains("Muscle") {
         "left out: this kind of muscle is not supported; the other muscles compensate for it"
     } else {

@@ -81,16 +81,14 @@ fn needs_mass(file: &SkeletonFile, body: &str) -> bool {
             .iter()
             .any(|coordinate| coordinate.name == *name && !coordinate.locked && coordinate.follows.is_none())
     };
-    coordinates.any(is_free) && !carries_mass(file, body)
+    coordinates.any(is_free) && !carries_mass(file, body, file.body.len())
 }
 
-/// Whether a body, or one beyond it, has a mass.
-fn carries_mass(file: &SkeletonFile, body: &str) -> bool {
+/// Whether a body, or one of so many beyond it, has a mass.
+fn carries_mass(file: &SkeletonFile, body: &str, depth: usize) -> bool {
     let own = file.body.iter().any(|own| own.name == body && own.mass > 0.0);
-    own || file
-        .joint
-        .iter()
-        .any(|joint| joint.parent == body && joint.child != body && carries_mass(file, &joint.child))
+    let mut beyond = file.joint.iter().filter(|joint| joint.parent == body);
+    own || (depth > 0 && beyond.any(|joint| carries_mass(file, &joint.child, depth - 1)))
 }
 
 /// Gives a body that moves by forces a small mass or inertia where it needs one and has none, and drops products of inertia that make

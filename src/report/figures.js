@@ -319,7 +319,7 @@ const sinewFigures = (report) => {
     return [
       ...SIGNALS.flatMap(([signal, title, unit]) => drawn(signal, title, withUnit(title.toLowerCase(), unit || '1'))),
       ...drawn('joint_coordinate', 'Joint coordinates and measurement', 'rad or m', [['measured', all(signals, 'measured_joint_coordinate')]]),
-      ...drawn('coordinate', 'Body coordinates and measurement', 'm, rad or Euler parameter', [['measured', all(signals, 'measured')]]),
+      ...drawn('coordinate', 'Unknowns of the motion and measurement', 'm or rad', [['measured', all(signals, 'measured')]]),
       ...activeBounds(signals.get('bound_active')),
       ...stickFigures(signals.get('bone_point_m'), signals.get('path_point_m')),
     ];

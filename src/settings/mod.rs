@@ -251,7 +251,7 @@ impl Settings {
             _ => match name.split_once('.') {
                 Some(("motion", change)) => self.set_motion(change, value, coordinates)?,
                 Some(("warn", limit)) => self.set_limit(limit, value)?,
-                Some(("reserves", coordinate)) => self.set_reserve(coordinate, value, coordinates)?,
+                Some(("reserves", coordinate)) => self.set_reserve(coordinate, value)?,
                 _ => return Err(unknown(name)),
             },
         }
@@ -268,16 +268,10 @@ impl Settings {
         Ok(())
     }
 
-    fn set_reserve(
-        &mut self,
-        coordinate: &str,
-        value: &Value,
-        coordinates: &[(String, bool)],
-    ) -> Result<(), InvalidValue> {
-        let (name, _) = find_coordinate(coordinate, coordinates)?;
+    fn set_reserve(&mut self, coordinate: &str, value: &Value) -> Result<(), InvalidValue> {
         let moment = number(value, 0.0..=1e9, RESERVE)?;
-        self.reserves_at.retain(|(other, _)| other != name);
-        self.reserves_at.push((name.clone(), moment));
+        self.reserves_at.retain(|(other, _)| other != coordinate);
+        self.reserves_at.push((coordinate.to_owned(), moment));
         // A unique form, because they are part of a job's identity.
         self.reserves_at.sort_by(|a, b| a.0.cmp(&b.0));
         Ok(())
@@ -303,6 +297,7 @@ impl Settings {
         }
         // These are not serialised if they have their default.
         match name {
+            "h" if self.intervals.is_some() => return None,
             "intervals" => return self.intervals.map(|n| Value::Integer(n as i64)),
             "effort_power" => return Some(Value::Number(self.effort_power)),
             "reserves" => return Some(Value::Number(self.reserves)),

@@ -10,7 +10,7 @@
 //!
 //! which is singular at β = ±90°, an elevation by 90° across the first plane.
 
-use super::frame::{Frame, Vector, cross, dot, unit};
+use super::frame::{Frame, Vector, cross, dot, norm, unit};
 use super::{Joint, Motion, Role, Skeleton};
 
 /// A ball joint in the angles α, β and γ.
@@ -61,8 +61,6 @@ impl Ball {
         let alpha = (-entry(1, 2)).atan2(entry(2, 2));
         let beta = entry(0, 2).clamp(-1.0, 1.0).asin();
         let gamma = (-entry(0, 1)).atan2(entry(0, 0));
-        let turn = std::f64::consts::TAU;
-        let nearest = |angle: f64, near: f64| angle + turn * ((near - angle) / turn).round();
         [nearest(alpha, near[0]), beta, nearest(gamma, near[2])]
     }
 
@@ -81,22 +79,49 @@ impl Ball {
         Some(OfAngles { value: offset + x.acos(), gradient: first.map(|d| slope * d), hessian })
     }
 
+    /// The joint's own coordinates at the angles α, β and γ, the first and the third the nearest to those before; `None` if the
+    /// first two axes are not at right angles. Where the first and the last axis coincide, the first coordinate stays.
+    pub fn own_coordinates(&self, own: &[Vector; 3], angles: [f64; 3], near: [f64; 3]) -> Option<[f64; 3]> {
+        let second = self.elevation(angles[0], angles[1])?.value;
+        let turns = (0..3).map(|i| Frame::rotation(self.axes[i], angles[i]));
+        let rotation = turns.fold(Frame::identity(), |frame, turn| frame * turn);
+        let [a1, a2, a3] = own.map(|axis| unit(&axis));
+        // R_1 turns R_2 a_3 into R a_3, R_3 what is across a_3.
+        let (from, to) = (Frame::rotation(a2, second).point(&a3), rotation.point(&a3));
+        let angle = |axis: &Vector, from: &Vector, to: &Vector| {
+            let across = |x: &Vector| [0, 1, 2].map(|i| x[i] - dot(x, axis) * axis[i]);
+            let (from, to) = (across(from), across(to));
+            (norm(&from) > 1e-9).then(|| dot(axis, &cross(&from, &to)).atan2(dot(&from, &to)))
+        };
+        let first = angle(&a1, &from, &to).unwrap_or(near[0]);
+        let rest = (Frame::rotation(a1, first) * Frame::rotation(a2, second)).inverse() * rotation;
+        let third = angle(&a3, &self.axes[0], &rest.point(&self.axes[0])).unwrap_or(near[2]);
+        Some([nearest(first, near[0]), second, nearest(third, near[2])])
+    }
+
     /// Whether the elevation is a function of α and β.
     pub fn has_elevation(&self) -> bool {
         self.elevation.is_some()
     }
 }
 
+/// An angle plus whole turns, as near as possible to another one.
+fn nearest(angle: f64, near: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    angle + turn * ((near - angle) / turn).round()
+}
+
 impl Skeleton {
     /// The ball joints whose coordinates are unknowns of a study: of bodies that move by forces, with coordinates that are
-    /// neither locked nor followed by others.
+    /// neither locked nor followed by others, and drive nothing else.
     pub fn balls(&self) -> Vec<Ball> {
         let is_leader = |c: usize| {
             self.coordinates.iter().any(|other| other.follows.as_ref().is_some_and(|(leader, _)| *leader == c))
         };
         let is_own = |&c: &usize| {
             let coordinate = &self.coordinates[c];
-            !coordinate.locked && coordinate.follows.is_none() && !is_leader(c)
+            let uses = self.joints.iter().flat_map(|joint| joint.motion.coordinates()).filter(|own| *own == c).count();
+            !coordinate.locked && coordinate.follows.is_none() && !is_leader(c) && uses == 1
         };
         let asked = self.joints.iter().enumerate().filter(|(_, joint)| joint.ball);
         let free = asked.filter(|(_, joint)| self.bodies[joint.child].role == Role::Free);
@@ -130,6 +155,11 @@ mod tests {
             let again = (0..3).fold(Frame::identity(), |frame, i| frame * Frame::rotation(ball.axes[i], angles[i]));
             let gap = again.axes.iter().flatten().zip(rotation.axes.iter().flatten());
             assert!(gap.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) < 1e-12);
+            let own = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [-0.0846, 0.9947, -0.0584]];
+            let turned = [q[0] + 0.3, 0.0, q[2] + 6.0];
+            let back = ball.own_coordinates(&own, angles, turned).unwrap();
+            assert!((back[0] - q[0]).abs() < 1e-9 && (back[1] - q[1]).abs() < 1e-9, "{back:?}");
+            assert!((back[2] - q[2] - std::f64::consts::TAU).abs() < 1e-9, "{back:?}");
             let found = ball.elevation(angles[0], angles[1]).unwrap();
             assert!((found.value - q[1]).abs() < 1e-12, "{} {}", found.value, q[1]);
             let h = 1e-6;

@@ -638,6 +638,15 @@ fn passive(element: &PassiveEntry, coordinates: &[&str]) -> Checked<Passive> {
             return Err(Issue::new(&place(key), format!("found {value}"), "it must be a number of at least 0"));
         }
     }
+    let limits = [
+        ("lower_stiffness", element.lower_stiffness, element.lower.is_none()),
+        ("upper_stiffness", element.upper_stiffness, element.upper.is_none()),
+        ("limit_damping", element.limit_damping, element.lower.is_none() && element.upper.is_none()),
+    ];
+    if let Some((key, value, _)) = limits.into_iter().find(|(_, value, without)| *value > 0.0 && *without) {
+        let help = "give the limit too (`lower` or `upper`), or remove it";
+        return Err(Issue::new(&place(key), format!("found {value}, but no limit"), help));
+    }
     positive(&place("transition"), element.transition, "rad or m")?;
     let limits: Vec<f64> = [element.lower, element.upper, Some(element.rest)].into_iter().flatten().collect();
     finite(&place("rest"), &limits)?;
@@ -657,7 +666,7 @@ impl BodyEntry {
     fn check(&self) -> Checked<Body> {
         finite(&["body", &self.name, "centre_of_mass"], &self.centre_of_mass)?;
         finite(&["body", &self.name, "inertia"], &self.inertia)?;
-        // Massless bodies are allowed if their motion is given or if they are fixed to a body that has mass:
+        // Massless bodies are allowed if each coordinate that moves by forces moves a mass:
         // `Skeleton::check_study` checks this.
         if self.mass == 0.0 && self.inertia == [0.0; 6] {
             return Ok(self.body());

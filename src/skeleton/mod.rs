@@ -60,7 +60,7 @@ pub enum Role {
     /// the motion file
     #[serde(alias = "girdle")]
     Given,
-    /// nothing: it keeps its pose at the start of the motion, and bodies on it keep their orientation in space
+    /// nothing: its joint keeps its pose at the start of the motion, and bodies on it keep their orientation in space
     Fixed,
 }
 

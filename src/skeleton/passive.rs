@@ -37,7 +37,7 @@ pub struct PassiveEntry {
     /// Stiffness beyond the upper limit.
     #[serde(default)]
     pub upper_stiffness: f64,
-    /// How far beyond a limit stiffness and damping are complete, rad or m.
+    /// How far beyond a limit stiffness and damping are complete, rad or m; the default is 5°, in rad.
     #[serde(default = "transition")]
     pub transition: f64,
     /// Damping beyond the limits, N m s/rad or N s/m.

@@ -56,7 +56,7 @@ impl Solution<'_> {
         self.inverse.activation_at(self.problem.scheme, t, muscle)
     }
 
-    /// Body coordinate `i`, or a derivative, at time t (s).
+    /// Coordinate `i`, or a derivative, at time t (s).
     fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64 {
         evaluate(&self.inverse.coordinate_at(self.problem.scheme, t, derivative, i), &self.iterate.x)
     }

@@ -118,8 +118,8 @@ impl Study {
         let model_hash = canonical_hash(&model_table);
         let motion_hash = motion_hash(&sources, &file);
         let jobs = plan.jobs(&motion, &model_hash, &motion_hash).map_err(fail)?;
-        plan.check_models(&jobs).map_err(fail)?;
-        plan.check_settings(&model, &jobs).map_err(fail)?;
+        plan.check_models(&model, &jobs).map_err(fail)?;
+        plan.check_settings(&jobs).map_err(fail)?;
         plan.check_smoothing(&motion, &jobs).map_err(fail)?;
         check_held_points(&model, &motion, &plan.base, &sources.motion)?;
         let total: usize = plan.sweeps.iter().map(|sweep| sweep.points.len()).sum();
@@ -187,6 +187,9 @@ fn keep_muscles(model: &mut toml::Table, patterns: &[String]) -> std::result::Re
     let Some(muscles) = muscles.as_array_mut() else { return Ok(()) };
     let name = |muscle: &toml::Value| muscle.get("name").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
     let names: Vec<String> = muscles.iter().map(name).collect();
+    if patterns.is_empty() {
+        return Err(Issue::new(&["muscles"], "the list is empty", "name muscles to keep, or remove the key"));
+    }
     for pattern in patterns {
         let wild = wildmatch::WildMatch::new(pattern);
         if !names.iter().any(|name| wild.matches(name)) {

@@ -26,7 +26,13 @@ pub fn attach(sources: &Sources, file: &StudyFile, model: &Model, motion: &mut M
         }
         motion.window = [from.max(first), to.min(last)];
     }
-    let Some(loads) = &sources.loads else { return Ok(()) };
+    let Some(loads) = &sources.loads else {
+        if file.force_smoothing_hz != 0.0 {
+            let help = "name a file of loads, or remove the key".to_owned();
+            return refused("force_smoothing_hz", "there are no `loads` to smooth".to_owned(), help);
+        }
+        return Ok(());
+    };
     let Some(spatial) = model.spatial() else {
         let help = "give a planar model a `[[force]]`, or remove the key".to_owned();
         return refused("loads", "files of loads need a spatial model".to_owned(), help);
@@ -35,7 +41,10 @@ pub fn attach(sources: &Sources, file: &StudyFile, model: &Model, motion: &mut M
         let found = format!("found {}", file.force_smoothing_hz);
         return refused("force_smoothing_hz", found, "it must be a frequency in Hz, 0 for no filter".to_owned());
     }
-    let (found, _) = loads.loads(&spatial.skeleton, file.force_smoothing_hz)?;
+    let (found, off) = loads.loads(&spatial.skeleton, file.force_smoothing_hz)?;
+    if !off.is_empty() {
+        motion.notes.push(format!("turned off in {}: {}", loads.file.path.display(), off.join(", ")));
+    }
     let ([first, last], [from, to]) = (found.span, motion.window);
     if first > from + ROUNDING || last < to - ROUNDING {
         let table = loads.table.path.display();
@@ -129,7 +138,8 @@ pub fn check_held_points(model: &Model, motion: &MotionTable, base: &Settings, f
         };
     };
     let measured = plain.joint_motion(motion, spatial);
-    for &time in &motion.time {
+    let [from, to] = motion.window;
+    for &time in motion.time.iter().filter(|t| (from..=to).contains(*t)) {
         let Some((gap, name)) = measured.gap(time - motion.start()).filter(|(gap, _)| *gap > LARGEST_GAP) else {
             continue;
         };

@@ -13,7 +13,7 @@ use super::file::{StudyFile, Sweep};
 use super::size;
 use super::sweep;
 use super::{Job, SCHEMA_VERSION};
-use crate::error::{Issue, Mistakes};
+use crate::error::{Issue, Mistakes, nearest};
 use crate::model::Model;
 use crate::motion::{HIGHEST_CUTOFF, MotionTable};
 use crate::settings::{BoundKind, InvalidValue, RegularityMode, Settings, Value, WarmStart};
@@ -387,7 +387,9 @@ impl<'m> Plan<'m> {
             let (first, mut in_block) = (jobs.len(), 0);
             for point in &sweep.points {
                 let (settings, changes) = self.settings_at(point)?;
-                let points = settings.points(motion.duration()).map_err(|c| complaint_at(self.place("h"), c))?;
+                let points = settings.points(motion.duration());
+                let key = if settings.intervals.is_some() { "intervals" } else { "h" };
+                let points = points.map_err(|c| complaint_at(self.place(key), c))?;
                 let swept: Vec<Option<Value>> = (self.axes.keys())
                     .map(|axis| {
                         let own = point.iter().find(|(name, _)| name == axis).map(|(_, value)| value.clone());
@@ -437,18 +439,43 @@ impl<'m> Plan<'m> {
         Ok((settings, changes))
     }
 
-    /// Checks that the changed models are valid, up to [`CHECKED_MODELS`] of them.
-    pub fn check_models(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
-        let changed: Vec<&Job> = jobs.iter().filter(|job| !job.changes.is_empty()).collect();
+    /// Checks that the changed models are valid, up to [`CHECKED_MODELS`] of them, and that jobs fit their models.
+    pub fn check_models(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
+        let (changed, plain): (Vec<&Job>, Vec<&Job>) = jobs.iter().partition(|job| !job.changes.is_empty());
+        plain.into_iter().try_for_each(|job| self.check_job(model, job))?;
         let stride = changed.len().div_ceil(CHECKED_MODELS).max(1);
-        let mut before: Option<&[ModelChange]> = None;
+        let mut last: Option<(&[ModelChange], Model)> = None;
         for job in changed.into_iter().step_by(stride) {
-            if before != Some(&job.changes[..]) {
-                let model = changed_model(self.model_table, &job.changes)
-                    .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?;
-                self.check_drives(&model, job)?;
-            }
-            before = Some(&job.changes);
+            let model = match last {
+                Some((changes, model)) if changes == &job.changes[..] => model,
+                _ => changed_model(self.model_table, &job.changes)
+                    .map_err(|c| complaint_at(self.place(&self.culprit(&job.changes)), c))?,
+            };
+            self.check_job(&model, job)?;
+            last = Some((&job.changes, model));
+        }
+        Ok(())
+    }
+
+    /// Refuses reserves at coordinates that have none, coordinates that nothing drives, and actuators that cost nothing.
+    fn check_job(&self, model: &Model, job: &Job) -> std::result::Result<(), Issue> {
+        let known = model.mechanics.driven_coordinates();
+        let is_known = |name: &str| known.iter().any(|coordinate| coordinate.name == name);
+        let unknown = job.settings.reserves_at.iter().find(|(name, moment)| *moment > 0.0 && !is_known(name));
+        if let Some((name, _)) = unknown {
+            let names: Vec<&str> = known.iter().map(|coordinate| coordinate.name).collect();
+            let near =
+                nearest(name, names.iter().copied()).map(|n| format!("did you mean `{n}`? ")).unwrap_or_default();
+            let help = format!("{near}reserves can act at: {}", names.join(", "));
+            let message = format!("`{name}` does not move by forces, or is another unknown of a ball joint");
+            return Err(complaint_at(self.place(&format!("reserves.{name}")), InvalidValue::new(message, help)));
+        }
+        self.check_drives(model, job)?;
+        let has_actuators = job.settings.has_reserves() || !model.actuators.is_empty();
+        if job.settings.mu == 0.0 && has_actuators {
+            let help = "with mu = 0 reserves and actuators cost nothing, so that their loads would be arbitrary: set a \
+                        positive mu, such as 0.01";
+            return Err(complaint_at(self.place("mu"), InvalidValue::new("mu = 0 with reserves or actuators", help)));
         }
         Ok(())
     }
@@ -480,25 +507,13 @@ impl<'m> Plan<'m> {
         Err(complaint_at(place, InvalidValue::new(message, help)))
     }
 
-    /// Refuses settings that do not fit the model or one another.
-    pub fn check_settings(&self, model: &Model, jobs: &[Job]) -> std::result::Result<(), Issue> {
+    /// Refuses settings that do not fit one another.
+    pub fn check_settings(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
         for job in jobs {
-            if job.changes.is_empty() {
-                self.check_drives(model, job)?;
-            }
             if job.settings.effort_power != 2.0 && !job.settings.bounds.kinds().contains(&BoundKind::Activation) {
                 let message = format!("{} with bounds = \"{}\"", job.settings.effort_power, job.settings.bounds.name());
                 let help = "a power other than 2 needs a ≥ 0: set bounds = \"both\", or another with activation";
                 return Err(complaint_at(self.place("effort_power"), InvalidValue::new(message, help)));
-            }
-            let has_actuators = job.settings.has_reserves() || !model.actuators.is_empty();
-            if job.settings.mu == 0.0 && has_actuators {
-                let help = "with mu = 0 reserves and actuators cost nothing, so that their loads would be arbitrary: set a \
-                            positive mu, such as 0.01";
-                return Err(complaint_at(
-                    self.place("mu"),
-                    InvalidValue::new("mu = 0 with reserves or actuators", help),
-                ));
             }
         }
         Ok(())

@@ -103,6 +103,12 @@ fn mistakes_in_windows_loads_and_drives_are_named() {
         ("[0.2, 0.8]", "[0.2, 1.8]", vec!["study.toml:5", "within the motion, 0 to 1 s"]),
         ("[0.2, 0.8]", "[0.5, 0.5]", vec!["study.toml:5", "within the motion"]),
         ("[0.2, 0.8]", "[0.2, 0.8]", vec!["study.toml:4", "loads from 0 to 0.6 s", "window = [0.2, 0.6]"]),
+        ("loads = \"loads.toml\"\n", "force_smoothing_hz = 6.0\n", vec!["study.toml:4", "no `loads` to smooth"]),
+        (
+            "window = [0.2, 0.8]\n[base]\nintervals = 30\nstages = 3\nmu = 1e-5\nreserves = 50.0\n",
+            "window = [0.2, 0.5]\n[base]\n\"reserves.angel\" = 1.0\n",
+            vec!["study.toml:7", "did you mean `angle`"],
+        ),
         ("loads.toml", "missing.toml", vec!["study.toml:4", "missing.toml does not exist"]),
         ("[0.2, 0.8]\n", "[0.2, 0.5]\nmuscles = [\"none*\"]\n", vec!["study.toml:6", "no muscle matches `none*`"]),
         (

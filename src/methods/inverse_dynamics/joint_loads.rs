@@ -4,6 +4,9 @@
 //! F_j = Σ over bodies carried by joint j  (I A + V ×* I V − external loads − muscles)
 //! ```
 //!
+//! A path passes through a point with a condition or not; a study, in which such points come and go smoothly, has other
+//! tensions within the width of a switch.
+//!
 //! Everything that acts on the bodies on the far side of a joint is known, and what is missing passes through the joint:
 //! muscles pull at both ends of each straight part of their path, at path points and where a path meets a surface.
 //!

@@ -6,7 +6,7 @@ use super::Spatial;
 use super::path::SLOTS;
 use crate::error::Issue;
 use crate::model::tree::Tree;
-use crate::skeleton::{Muscle, Skeleton};
+use crate::skeleton::{Muscle, Role, Skeleton};
 
 /// A coordinate that moves less than this (kg, kg m²) moves no mass.
 const NO_MASS: f64 = 1e-12;
@@ -56,12 +56,36 @@ impl Skeleton {
             let place = ["coordinate", self.coordinates[c].name.as_str()];
             found.push(Issue::new(&place, "the coordinate moves by forces, but moves no mass", help));
         }
+        found.extend(self.obstacles_of_balls(&spatial));
         for muscle in &self.muscles {
             let Some(path) = spatial.path(muscle) else { continue };
             found.extend(self.moves_with_ball(&spatial, muscle));
             if path.slots.len() + 2 * muscle.path.surfaces.len() > SLOTS {
                 let message = format!("the path depends on {} coordinates; at most {SLOTS}", path.slots.len());
                 found.push(Issue::new(&["muscle", &muscle.name, "path"], message, "split the muscle"));
+            }
+        }
+        found
+    }
+
+    /// Ball joints that cannot be one, and what acts at coordinates of those that are.
+    fn obstacles_of_balls(&self, spatial: &Spatial) -> Vec<Issue> {
+        let mut found = Vec::new();
+        let is_ball = |number: usize| spatial.linkage.balls.iter().any(|ball| ball.joint == number);
+        for (number, joint) in self.joints.iter().enumerate().filter(|(_, joint)| joint.ball) {
+            let coordinates = joint.motion.coordinates();
+            let moves = coordinates.iter().all(|&c| !self.coordinates[c].locked);
+            if self.bodies[joint.child].role == Role::Free && moves && !is_ball(number) {
+                let message = "the coordinates of a ball joint must drive nothing else and follow nothing";
+                found.push(Issue::new(&["joint", &joint.name, "ball"], message, "remove `ball`"));
+            }
+        }
+        let actuators = self.actuators.iter().map(|own| ("actuator", &own.name, self.coordinate(&own.coordinate)));
+        let passive = self.passive.iter().map(|own| ("passive", &own.entry.name, Some(own.coordinate)));
+        for (kind, name, coordinate) in actuators.chain(passive) {
+            if coordinate.is_some_and(|c| spatial.linkage.ball_of(c).is_some()) {
+                let help = "remove it, or `ball` of the joint";
+                found.push(Issue::new(&[kind, name], "it acts at a coordinate of a ball joint", help));
             }
         }
         found

@@ -8,7 +8,7 @@
 //!
 //! | symbol | meaning | unit |
 //! |---|---|---|
-//! | v | body velocities, whose rate is q̈ in eq. (1) | m/s, rad/s |
+//! | v | velocities, whose rate is q̈ in eq. (1) | m/s, rad/s |
 //! | η | multipliers, zero but for the discretisation's error | – |
 //!
 //! With multipliers κ and γ of the two rows, `Φ_η = Σ η_c Φ_c` and `Φ_γ` alike, the second derivatives are those of γ's
