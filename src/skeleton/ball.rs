@@ -20,6 +20,8 @@ pub struct Ball {
     pub joint: usize,
     /// The joint's own coordinates.
     pub coordinates: [usize; 3],
+    /// a_1, a_2 and a_3.
+    own: [Vector; 3],
     /// b, c and a_3.
     pub axes: [Vector; 3],
     /// If a_1 and a_2 are at right angles: a_1 along b, c and a_3, with a_1·R a_3 = C cos(θ_2 − δ); C and δ.
@@ -51,7 +53,13 @@ impl Ball {
             (axes.map(|axis| dot(&a1, &axis)), [c.hypot(s), s.atan2(c)])
         });
         let coordinates = [first, second, third].map(|axis| axis.coordinate);
-        (b != [0.0; 3]).then_some(Self { joint: number, coordinates, axes, elevation })
+        (b != [0.0; 3]).then_some(Self { joint: number, coordinates, own: [a1, a2, a3], axes, elevation })
+    }
+
+    /// R at the angles α, β and γ.
+    pub fn rotation(&self, angles: [f64; 3]) -> Frame<f64> {
+        let turns = (0..3).map(|i| Frame::rotation(self.axes[i], angles[i]));
+        turns.fold(Frame::identity(), |frame, turn| frame * turn)
     }
 
     /// α, β and γ of the joint's rotation; α and γ the nearest to those before.
@@ -81,11 +89,10 @@ impl Ball {
 
     /// The joint's own coordinates at the angles α, β and γ, the first and the third the nearest to those before; `None` if the
     /// first two axes are not at right angles. Where the first and the last axis coincide, the first coordinate stays.
-    pub fn own_coordinates(&self, own: &[Vector; 3], angles: [f64; 3], near: [f64; 3]) -> Option<[f64; 3]> {
+    pub fn own_coordinates(&self, angles: [f64; 3], near: [f64; 3]) -> Option<[f64; 3]> {
         let second = self.elevation(angles[0], angles[1])?.value;
-        let turns = (0..3).map(|i| Frame::rotation(self.axes[i], angles[i]));
-        let rotation = turns.fold(Frame::identity(), |frame, turn| frame * turn);
-        let [a1, a2, a3] = own.map(|axis| unit(&axis));
+        let rotation = self.rotation(angles);
+        let [a1, a2, a3] = self.own;
         // R_1 turns R_2 a_3 into R a_3, R_3 what is across a_3.
         let (from, to) = (Frame::rotation(a2, second).point(&a3), rotation.point(&a3));
         let angle = |axis: &Vector, from: &Vector, to: &Vector| {
@@ -152,12 +159,11 @@ mod tests {
             let rotation = joint.motion.frame(&q);
             let angles = ball.angles(&rotation, [0.0, 0.0, 6.0]);
             assert!((angles[2] - 6.0).abs() < 3.2);
-            let again = (0..3).fold(Frame::identity(), |frame, i| frame * Frame::rotation(ball.axes[i], angles[i]));
+            let again = ball.rotation(angles);
             let gap = again.axes.iter().flatten().zip(rotation.axes.iter().flatten());
             assert!(gap.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) < 1e-12);
-            let own = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [-0.0846, 0.9947, -0.0584]];
             let turned = [q[0] + 0.3, 0.0, q[2] + 6.0];
-            let back = ball.own_coordinates(&own, angles, turned).unwrap();
+            let back = ball.own_coordinates(angles, turned).unwrap();
             assert!((back[0] - q[0]).abs() < 1e-9 && (back[1] - q[1]).abs() < 1e-9, "{back:?}");
             assert!((back[2] - q[2] - std::f64::consts::TAU).abs() < 1e-9, "{back:?}");
             let found = ball.elevation(angles[0], angles[1]).unwrap();

@@ -108,15 +108,12 @@ impl Spatial {
         for (k, ball) in linkage.balls.iter().enumerate() {
             let angles = [0, 1, 2].map(|i| q[linkage.free_number(linkage.ball_angle(k, i)).expect("an unknown")]);
             let motion = &self.skeleton.joints[ball.joint].motion;
-            let skeleton::Motion::Axes { rotations, .. } = motion else { unreachable!("a ball joint has axes") };
-            let own = [0, 1, 2].map(|i| rotations[i].direction);
             let before = ball.coordinates.map(|c| near[c]);
-            if let Some(values) = ball.own_coordinates(&own, angles, before) {
+            if let Some(values) = ball.own_coordinates(angles, before) {
                 ball.coordinates.into_iter().zip(values).for_each(|(c, value)| near[c] = value);
                 continue;
             }
-            let turns = (0..3).map(|i| Frame::rotation(ball.axes[i], angles[i]));
-            let rotation = turns.fold(Frame::identity(), |frame, turn| frame * turn);
+            let rotation = ball.rotation(angles);
             let wanted = Frame { origin: motion.frame(near).origin, ..rotation };
             motion.coordinates_of(&wanted, near).into_iter().for_each(|(c, value)| near[c] = value);
         }
