@@ -79,7 +79,7 @@ fn numbers(file: &SourceFile) -> Result<Vec<(String, f64)>> {
     let mut turns = Vec::new();
     let (table, coordinates): (_, Vec<(String, bool)>) = if is_spatial {
         let (table, skeleton) = load_skeleton(file)?;
-        let free = skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
+        let free = skeleton.coordinates.iter().filter(|c| c.is_independent());
         turns.extend(skeleton.turns.iter().map(|turn| (format!("motion.{}_offset_deg", turn.name), 0.0)));
         (table, free.map(|c| (c.name.clone(), c.is_angle)).collect())
     } else {

@@ -73,7 +73,7 @@ impl Files {
 
     fn say_assumptions(&self) {
         self.table.notes.iter().for_each(|remark| note(&format!("note: {remark}")));
-        let coordinates = self.skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
+        let coordinates = self.skeleton.coordinates.iter().filter(|c| c.is_independent());
         let names = coordinates.map(|coordinate| coordinate.name.as_str());
         let without: Vec<&str> = names.filter(|name| self.table.column(name).is_none()).collect();
         if !without.is_empty() {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{GOOD, print};
 use crate::error::{Error, Result, SourceFile};
 use crate::files::write_new;
+use crate::model::Model;
 use crate::motion::MotionTable;
 use crate::names::counted;
 use crate::study::{Study, load_model};
@@ -22,6 +23,16 @@ pub struct Named {
     pub loads: Option<PathBuf>,
     /// s
     pub window: Option<[f64; 2]>,
+}
+
+impl Named {
+    /// The model, and the duration of the motion to solve, s.
+    fn read(&self) -> Result<(Model, f64)> {
+        let (_, model) = load_model(&SourceFile::read(&self.model)?)?;
+        let motion = MotionTable::load(&self.motion, &model)?;
+        let duration = self.window.map_or(motion.duration(), |[from, to]| to - from);
+        Ok((model, duration))
+    }
 }
 
 /// Writes `name`.toml; without `files`, also the reference arm and its motion beside it.
@@ -86,10 +97,8 @@ fn from_study(study: &Path, file: &Path) -> PathBuf {
 /// The text of the study: a mesh that fits the motion, and two axes.
 fn study_text(name: &str, path: &Path, files: &Named) -> Result<String> {
     let Named { model: model_path, motion: motion_path, .. } = files;
-    let (_, model) = load_model(&SourceFile::read(model_path)?)?;
-    let motion = MotionTable::load(motion_path, &model)?;
+    let (model, duration) = files.read()?;
     let is_spatial = model.spatial().is_some();
-    let duration = files.window.map_or(motion.duration(), |[from, to]| to - from);
     let (min_intervals, max_h) = if is_spatial { (40, 0.025) } else { (10, 0.1) };
     let intervals = ((duration / max_h).round() as usize).clamp(min_intervals, MAX_INTERVALS);
     let h = duration / intervals as f64;
@@ -158,9 +167,7 @@ const INTERVAL: f64 = 0.045;
 
 /// The text of a study in which all bodies move by forces, under external loads: one job, and axes to add.
 fn text_with_loads(name: &str, path: &Path, files: &Named) -> Result<String> {
-    let (_, model) = load_model(&SourceFile::read(&files.model)?)?;
-    let motion = MotionTable::load(&files.motion, &model)?;
-    let duration = files.window.map_or(motion.duration(), |[from, to]| to - from);
+    let (model, duration) = files.read()?;
     let intervals = ((duration / INTERVAL).round() as usize).clamp(4, MAX_INTERVALS);
     let from_study = |file: &Path| quoted(&from_study(path, file).to_string_lossy());
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();

@@ -90,6 +90,14 @@ pub struct LoadAt {
     pub moment: Vector,
 }
 
+impl LoadAt {
+    /// N m
+    pub fn moment_about_origin(&self) -> Vector {
+        let of_force = cross(&self.point, &self.force);
+        [0, 1, 2].map(|i| self.moment[i] + of_force[i])
+    }
+}
+
 impl ExternalLoad {
     /// The load at time `t` (s), the bodies having these frames.
     pub fn at(&self, t: f64, frames: &[Frame<f64>]) -> LoadAt {
@@ -166,9 +174,8 @@ fn course(columns: &Columns<'_>, entry: &LoadEntry, axes: Option<usize>, frame: 
     let point = columns.vectors(&entry.point, &user, &pushes)?;
     if let (None, None, Some(force), Some(point)) = (axes, frame, &force, &point) {
         let about_origin = |i: usize| {
-            let own = moment.as_ref().map_or([0.0; 3], |moment| moment[i]);
-            let of_force = cross(&point[i], &force[i]);
-            [0, 1, 2].map(|axis| own[axis] + of_force[axis])
+            let moment = moment.as_ref().map_or([0.0; 3], |moment| moment[i]);
+            LoadAt { point: point[i], force: force[i], moment }.moment_about_origin()
         };
         let moment: Vec<Vector> = (0..force.len()).map(about_origin).collect();
         return Ok(Course::Wrench { moment: columns.curve(&moment), force: columns.curve(force) });

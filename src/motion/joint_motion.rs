@@ -60,7 +60,7 @@ impl JointMotion {
     ) -> Self {
         let (start, time_scale) = clock;
         let mut motion = Self { spatial: spatial.clone(), coordinates, start, time_scale, turns, changed: Vec::new() };
-        let changed = motion.changed_coordinates(|role| role != Role::Free);
+        let changed = motion.changed_joints(|role| role != Role::Free);
         if !changed.is_empty() {
             let mut near: Option<Vec<f64>> = None;
             let poses: Vec<Vec<f64>> = (instants.iter())
@@ -94,7 +94,7 @@ impl JointMotion {
 
     /// Joints of bodies with such a role whose coordinates are not those of the motion, because the body is turned or is on
     /// a fixed one.
-    fn changed_coordinates(&self, has: impl Fn(Role) -> bool) -> Vec<usize> {
+    fn changed_joints(&self, has: impl Fn(Role) -> bool) -> Vec<usize> {
         let skeleton = &self.spatial.skeleton;
         let is_turned = |body: usize| skeleton.turns.iter().zip(&self.turns).any(|(t, a)| t.body == body && *a != 0.0);
         let joints = skeleton.joints.iter().enumerate().filter(|(_, joint)| has(skeleton.bodies[joint.child].role));
@@ -174,7 +174,7 @@ impl JointMotion {
             linkage.free.iter().filter(|c| **c < own).for_each(|&c| near[c] = before[c]);
             near
         });
-        let mut pose = self.changed_pose(t, &self.changed_coordinates(|role| role == Role::Free), near.as_deref());
+        let mut pose = self.changed_pose(t, &self.changed_joints(|role| role == Role::Free), near.as_deref());
         for (k, ball) in linkage.balls.iter().enumerate() {
             let near = [0, 1, 2].map(|i| before.as_ref().map_or(0.0, |before| before[linkage.ball_angle(k, i)]));
             pose.extend(ball.angles(&self.spatial.skeleton.joints[ball.joint].motion.frame(&pose), near));

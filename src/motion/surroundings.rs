@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use super::external_loads::{ExternalLoads, LoadAt};
+use super::external_loads::ExternalLoads;
 use super::joint_motion::JointMotion;
 use crate::model::Model;
 use crate::numerics::cubic::CubicSpline;
-use crate::skeleton::frame::cross;
 
 /// External forces and given motion.
 #[derive(Clone, Debug, Default)]
@@ -48,9 +47,8 @@ impl Surroundings {
         if let (Some(external), Some(motion)) = (&self.external, &self.motion) {
             let (time, frames) = (motion.clock(t), motion.frames(t));
             for load in &external.loads {
-                let LoadAt { point, force, moment } = load.at(time, &frames);
-                let of_force = cross(&point, &force);
-                all.extend([force, [0, 1, 2].map(|i| moment[i] + of_force[i])]);
+                let load = load.at(time, &frames);
+                all.extend([load.force, load.moment_about_origin()]);
             }
         }
         all

@@ -126,9 +126,8 @@ impl Skeleton {
             self.coordinates.iter().any(|other| other.follows.as_ref().is_some_and(|(leader, _)| *leader == c))
         };
         let is_own = |&c: &usize| {
-            let coordinate = &self.coordinates[c];
             let uses = self.joints.iter().flat_map(|joint| joint.motion.coordinates()).filter(|own| *own == c).count();
-            !coordinate.locked && coordinate.follows.is_none() && !is_leader(c) && uses == 1
+            self.coordinates[c].is_independent() && !is_leader(c) && uses == 1
         };
         let asked = self.joints.iter().enumerate().filter(|(_, joint)| joint.ball);
         let free = asked.filter(|(_, joint)| self.bodies[joint.child].role == Role::Free);

@@ -193,6 +193,13 @@ pub struct Muscle {
     pub path: MusclePath,
 }
 
+impl Coordinate {
+    /// Whether a study or a motion may move it: it is neither locked nor follows another one.
+    pub fn is_independent(&self) -> bool {
+        !self.locked && self.follows.is_none()
+    }
+}
+
 impl Motion {
     /// Indices of the coordinates.
     pub fn coordinates(&self) -> Vec<usize> {

@@ -94,7 +94,7 @@ pub fn check_coverage(model: &Model, motion: &mut MotionTable, file: &SourceFile
     if let Some(spatial) = model.spatial()
         && missing.len() < needed.len()
     {
-        let coordinates = spatial.skeleton.coordinates.iter().filter(|c| !c.locked && c.follows.is_none());
+        let coordinates = spatial.skeleton.coordinates.iter().filter(|c| c.is_independent());
         let without: Vec<&str> =
             coordinates.map(|c| c.name.as_str()).filter(|name| motion.column(name).is_none()).collect();
         if !without.is_empty() {

@@ -11,7 +11,7 @@ use crate::model::tree::screw::{angular, linear};
 use crate::motion::external_loads::{ExternalLoads, LoadAt};
 use crate::motion::{MotionTable, smooth_spline};
 use crate::numerics::cubic::CubicSpline;
-use crate::skeleton::frame::{Frame, Vector, cross, dot, norm};
+use crate::skeleton::frame::{Frame, cross, dot, norm};
 use crate::skeleton::{Coordinate, Skeleton};
 
 /// A measured motion of a spatial model, with what acts on it from outside.
@@ -120,9 +120,7 @@ pub fn load_facts(movement: &Movement<'_>) -> Vec<LoadFacts> {
             own.peak = own.peak.max(vertical);
             let Some(link) = movement.tree.places[*body].0.filter(|_| vertical > STANDING) else { continue };
             // Where the wrench's moment has no component across the vertical, at the height of the ground.
-            let of_force = cross(&load.point, &load.force);
-            let moment: Vector = [0, 1, 2].map(|i| load.moment[i] + of_force[i]);
-            let centre = cross(&up, &moment).map(|x| x / dot(&up, &load.force));
+            let centre = cross(&up, &load.moment_about_origin()).map(|x| x / dot(&up, &load.force));
             let (twist, _) = twists[link];
             let speed = linear(&twist) + angular(&twist).cross(&Vector3::from(centre));
             own.speed = own.speed.max(speed.norm());
@@ -135,7 +133,7 @@ pub fn load_facts(movement: &Movement<'_>) -> Vec<LoadFacts> {
 pub fn net_forces(movement: &Movement<'_>) -> Vec<NetForce> {
     let skeleton = movement.skeleton;
     let residuals = residuals(skeleton, &movement.tree);
-    let driven = skeleton.coordinates.iter().enumerate().filter(|(_, c)| !c.locked && c.follows.is_none());
+    let driven = skeleton.coordinates.iter().enumerate().filter(|(_, c)| c.is_independent());
     let mut found: Vec<(usize, NetForce)> = driven
         .map(|(c, coordinate)| {
             let (name, is_residual) = (coordinate.name.clone(), residuals.contains(&c));
@@ -159,7 +157,7 @@ pub fn residuals(skeleton: &Skeleton, tree: &Tree) -> Vec<usize> {
         let mut own = joint.motion.coordinates();
         own.sort_unstable();
         own.dedup();
-        own.retain(|&c| !skeleton.coordinates[c].locked && skeleton.coordinates[c].follows.is_none());
+        own.retain(|&c| skeleton.coordinates[c].is_independent());
         own
     });
     found.find(|own| own.len() == 6).unwrap_or_default()

@@ -57,7 +57,7 @@ impl Linkage {
         for joint in skeleton.joints.iter().filter(|joint| skeleton.bodies[joint.child].role == Role::Free) {
             joint.motion.coordinates().into_iter().for_each(|c| moved_by_forces[c] = true);
         }
-        let moves = |c: &usize| !skeleton.coordinates[*c].locked && skeleton.coordinates[*c].follows.is_none();
+        let moves = |c: &usize| skeleton.coordinates[*c].is_independent();
         let (mut free, given): (Vec<usize>, Vec<usize>) = (0..count).filter(moves).partition(|&c| moved_by_forces[c]);
         let balls = skeleton.balls();
         let tree = Tree::with_balls(skeleton, &balls);
