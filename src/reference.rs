@@ -100,6 +100,12 @@ pub fn settings() -> Vec<Key> {
             "that of `reserves`",
             "the reserve at one joint coordinate, N m or N; 0 for none",
         ),
+        row(
+            "tracking_weight.COORDINATE",
+            "number",
+            "1",
+            "weight of the squared distance of one coordinate that moves by forces from its measured motion",
+        ),
         row("force.NAME_scale", "number", "1", "factor on an external force and its moment"),
         row(
             "PATH, PATH_scale",

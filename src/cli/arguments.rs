@@ -311,11 +311,15 @@ The results folder must be on a file system that all nodes share.")]
   sinew import arm26.osim                       writes arm26.toml
   sinew import arm26.osim --out models/arm.toml
   sinew import arm26.osim --strict              fails if anything is lost
+  sinew import gait.osim --paths fitted.xml     lengths of muscles by polynomials (FunctionBasedPath)
 
 A study can also use an .osim file directly as its model; `sinew check` lists what is lost.")]
     Import {
         /// OpenSim model (.osim)
         model: PathBuf,
+        /// OpenSim file of function-based paths (.xml), whose lengths replace those along the paths
+        #[arg(long, value_name = "FILE")]
+        paths: Option<PathBuf>,
         /// File to write; never replaces an existing file [default: the model's name with .toml, in the current folder]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,

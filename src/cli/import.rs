@@ -9,9 +9,14 @@ use crate::names::counted;
 use crate::opensim::{self, Note, Weight};
 use crate::skeleton::text::text;
 
-pub fn import(model: &Path, out: Option<PathBuf>, strict: bool) -> Result<u8> {
+pub fn import(model: &Path, paths: Option<&Path>, out: Option<PathBuf>, strict: bool) -> Result<u8> {
     let source = SourceFile::read(model)?;
-    let imported = opensim::import(&source)?;
+    let mut imported = opensim::import(&source)?;
+    if let Some(paths) = paths {
+        let notes = opensim::paths::replace(&mut imported.file, &SourceFile::read(paths)?)?;
+        imported.notes.extend(notes);
+        imported.notes.sort_by_key(|note| note.weight);
+    }
     let list = listed(&imported.notes);
     let lost = of_weight(&imported.notes, Weight::Lost);
     if strict && !lost.is_empty() {

@@ -53,6 +53,12 @@ fn muscle_forces(files: &Files, file: &SourceFile) -> Result<MuscleForces> {
     let columns = Columns::new(file, 0.0)?;
     covers(file, "muscle forces", [columns.time[0], columns.time[columns.time.len() - 1]], files.window)?;
     let short = |name: &str| name.trim_end_matches("/tendon_force").rsplit('/').next().unwrap_or(name).to_owned();
+    if let Some(muscle) = files.skeleton.muscles.iter().find(|muscle| !muscle.has_path()) {
+        let message =
+            format!("the muscle `{}` has a fitted length, but no path: where it pulls is unknown", muscle.name);
+        let help = "use the model with paths; the forces may be those of one with fitted lengths";
+        return Err(file.error(None, message, "", Some(help.to_owned())));
+    }
     let (mut forces, mut used, mut without) = (Vec::new(), Vec::new(), Vec::new());
     for (m, muscle) in files.skeleton.muscles.iter().enumerate() {
         match columns.text.names.iter().find(|name| short(name) == muscle.name) {

@@ -74,7 +74,7 @@ fn run_command(command: Command) -> Result<u8> {
             compare::compare(&dir, &baseline, &compare::CompareOptions { tolerances: tolerance, json, junit, accept })
         }
         Command::Slurm(arguments) => slurm::slurm(&arguments),
-        Command::Import { model, out, strict } => import::import(&model, out, strict),
+        Command::Import { model, paths, out, strict } => import::import(&model, paths.as_deref(), out, strict),
         Command::InverseDynamics(arguments) => inverse_dynamics::run(&arguments),
         Command::JointLoads { movement, muscle_forces } => joint_loads::run(&movement, &muscle_forces),
         Command::MomentArms { model, poses, out } => moment_arms::moment_arms(&model, &poses, out.as_deref()),

@@ -282,7 +282,13 @@ pub fn goals(
 ) -> Vec<Goal> {
     let model = inverse.model;
     let (times, measured) = (&measurement.times, &measurement.coordinates);
-    let rows = times.iter().zip(measured).map(|(&t, q)| model.mechanics.tracking_rows(&inverse.all_coordinates(t, q)));
+    let names = model.mechanics.coordinate_names();
+    let scales: Vec<f64> = names.iter().map(|name| settings.tracking_weight(name).sqrt()).collect();
+    let rows = times.iter().zip(measured).map(|(&t, q)| {
+        let mut rows = model.mechanics.tracking_rows(&inverse.all_coordinates(t, q));
+        rows.iter_mut().flatten().for_each(|(coordinate, factor)| *factor *= scales[*coordinate]);
+        rows
+    });
     let mut all = vec![goals::tracking(inverse.motion.coordinate, times, measured, rows.collect())];
     if settings.mu > 0.0 {
         let instants = effort_instants(scheme, measurement, settings);

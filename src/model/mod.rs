@@ -26,7 +26,6 @@ use std::sync::Arc;
 
 use crate::entries::Actuator;
 use crate::skeleton::Skeleton;
-use path::Path;
 use planar::Planar;
 use spatial::Spatial;
 
@@ -56,7 +55,7 @@ impl Model {
                 max_shortening_velocity: muscle.max_shortening_velocity,
                 force_velocity: muscle.force_velocity,
                 rigid_tendon: muscle.rigid_tendon,
-                path: Path::Spatial(path),
+                path,
             })
             .collect();
         let drives = |actuator: &&Actuator| {

@@ -2,6 +2,7 @@
 
 use num_dual::Dual64;
 
+use super::spatial::fitted::FittedPath;
 use super::spatial::path::SpatialPath;
 pub use super::straight::{PathLength, StraightPath};
 use crate::numerics::Scalar;
@@ -13,6 +14,8 @@ pub enum Path {
     Straight(StraightPath),
     /// In space, over points and around surfaces.
     Spatial(SpatialPath),
+    /// Fitted by a polynomial of joint coordinates.
+    Fitted(Box<FittedPath>),
 }
 
 impl Path {
@@ -21,6 +24,7 @@ impl Path {
         match self {
             Path::Straight(path) => &path.slots,
             Path::Spatial(path) => &path.slots,
+            Path::Fitted(path) => &path.slots,
         }
     }
 
@@ -36,6 +40,7 @@ impl Path {
             Path::Spatial(path) => {
                 path.length(q, second, out);
             }
+            Path::Fitted(path) => path.length(q, out),
         }
     }
 
@@ -49,14 +54,16 @@ impl Path {
                 out
             }
             Path::Spatial(path) => path.length_along(q, direction),
+            Path::Fitted(path) => path.length_along(q, direction),
         }
     }
 
-    /// Where its points are, axis by axis, in the ground's frame.
+    /// Where its points are, if it has any, axis by axis, in the ground's frame.
     pub fn positions(&self, q: &[f64]) -> Vec<Vec<f64>> {
         match self {
             Path::Straight(path) => path.points.iter().map(|place| place.at(q).position.to_vec()).collect(),
             Path::Spatial(path) => path.positions(q).into_iter().map(|x| x.to_vec()).collect(),
+            Path::Fitted(path) => path.drawn.positions(q).into_iter().map(|x| x.to_vec()).collect(),
         }
     }
 }

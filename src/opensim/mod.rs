@@ -18,6 +18,7 @@
 //! | Thelen2003-, Millard2012-, DeGrooteFregly2016Muscle | `[[muscle]]`: its parameters, with Sinew's curves |
 //! | Schutte1993-, RigidTendonMuscle | as above |
 //! | PathPoint, MovingPathPoint, ConditionalPathPoint | `path`: fixed, `moves` or `x`, `y`, `z`, `when` |
+//! | FunctionBasedPath | `length` |
 //! | WrapSphere, WrapCylinder, WrapEllipsoid, WrapTorus | `[[surface]]` |
 //! | PathWrap, its range | `surfaces` |
 
@@ -30,6 +31,7 @@ mod lost;
 mod mend;
 mod muscles;
 mod passive;
+pub mod paths;
 mod repair;
 
 use document::{Defaults, Element};

@@ -3,7 +3,7 @@
 use super::document::Element;
 use super::frames::{Frames, PlacedFrame};
 use super::function::function_of;
-use super::{Notes, Reader};
+use super::{Notes, Reader, paths};
 use crate::error::Result;
 use crate::skeleton::file::{
     FollowsEntry, MovesEntry, MuscleEntry, ObstacleEntry, PointEntry, SurfaceEntry, SurfaceKind, WhenEntry,
@@ -72,16 +72,18 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
             notes.changed(&format!("muscle {name}"), format!("{tag} is ignored: {lost}"));
         }
     }
-    let Some(path) = element
-        .either(&["GeometryPath"])
-        .or_else(|| Some(element).filter(|e| e.child("PathPointSet").is_some() || e.child("MusclePointSet").is_some()))
-    else {
-        return Err(element.error(
-            "the muscle has no <GeometryPath> (function-based paths are not supported)",
-            "give it a path with an origin and an insertion",
-        ));
-    };
-    let points = path.objects(&["PathPointSet", "MusclePointSet"]);
+    let path = (element.either(&["GeometryPath"]))
+        .or_else(|| Some(element).filter(|e| e.child("PathPointSet").is_some() || e.child("MusclePointSet").is_some()));
+    let fitted = element.descendants("FunctionBasedPath").next();
+    if path.is_none() && fitted.is_none() {
+        let help = "give it a path with an origin and an insertion";
+        return Err(element.error("the muscle has no <GeometryPath> and no <FunctionBasedPath>", help));
+    }
+    if path.is_none() {
+        let lost = "it has a length, but no path: it is not drawn, and no loads of joints are given";
+        notes.changed(&format!("muscle {name}"), lost);
+    }
+    let points = path.map_or_else(Vec::new, |path| path.objects(&["PathPointSet", "MusclePointSet"]));
     Ok(MuscleEntry {
         name: name.to_owned(),
         max_isometric_force,
@@ -93,7 +95,8 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
         max_shortening_velocity: Some(velocity),
         rigid_tendon: rigid.then_some(true),
         path: points.iter().map(|point| path_point(reader, *point, name, notes)).collect::<Result<_>>()?,
-        surfaces: obstacles(path, points.len())?,
+        length: fitted.map(|fitted| paths::length(fitted, name, notes)).transpose()?,
+        surfaces: path.map_or_else(|| Ok(Vec::new()), |path| obstacles(path, points.len()))?,
     })
 }
 

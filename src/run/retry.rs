@@ -93,6 +93,9 @@ fn between(study: &Study, from: &Job, to: &Job, share: f64) -> Job {
     for (coordinate, moment) in &mut job.settings.reserves_at {
         *moment = reserve(old.reserve(coordinate), *moment);
     }
+    for (coordinate, weight) in &mut job.settings.tracking_weights {
+        *weight = linear(old.tracking_weight(coordinate), *weight);
+    }
     let unmoved = (0.0, 1.0);
     let motion = |job: &Job, name: &str| {
         job.settings.motion.iter().find(|(n, ..)| n == name).map_or(unmoved, |(_, offset, scale)| (*offset, *scale))

@@ -52,6 +52,10 @@ pub struct Settings {
     #[schemars(skip)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub reserves_at: Vec<(String, f64)>,
+    /// `tracking_weight.<coordinate>`, by coordinate that moves by forces.
+    #[schemars(skip)]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tracking_weights: Vec<(String, f64)>,
     /// Weight of the squared controls of reserves, relative to squared activations in the load-sharing term.
     #[schemars(range(min = 1e-9, max = 1e9))]
     #[serde(skip_serializing_if = "is_one")]
@@ -139,6 +143,7 @@ impl Default for Settings {
             load_sharing_grid: LoadSharingGrid::Measurement,
             reserves: 0.0,
             reserves_at: Vec::new(),
+            tracking_weights: Vec::new(),
             reserve_weight: 1.0,
             excitation_weight: 0.0,
             measurement_ratio: None,
@@ -251,7 +256,13 @@ impl Settings {
             _ => match name.split_once('.') {
                 Some(("motion", change)) => self.set_motion(change, value, coordinates)?,
                 Some(("warn", limit)) => self.set_limit(limit, value)?,
-                Some(("reserves", coordinate)) => self.set_reserve(coordinate, value)?,
+                Some(("reserves", coordinate)) => {
+                    set_at(&mut self.reserves_at, coordinate, number(value, 0.0..=1e9, RESERVE)?);
+                }
+                Some(("tracking_weight", coordinate)) => {
+                    let weight = number(value, 0.0..=1e9, "a weight from 0 to 1e9; 1 is the default")?;
+                    set_at(&mut self.tracking_weights, coordinate, weight);
+                }
                 _ => return Err(unknown(name)),
             },
         }
@@ -268,18 +279,14 @@ impl Settings {
         Ok(())
     }
 
-    fn set_reserve(&mut self, coordinate: &str, value: &Value) -> Result<(), InvalidValue> {
-        let moment = number(value, 0.0..=1e9, RESERVE)?;
-        self.reserves_at.retain(|(other, _)| other != coordinate);
-        self.reserves_at.push((coordinate.to_owned(), moment));
-        // A unique form, because they are part of a job's identity.
-        self.reserves_at.sort_by(|a, b| a.0.cmp(&b.0));
-        Ok(())
-    }
-
     /// The reserve's moment (N m) or force (N) at a joint coordinate.
     pub fn reserve(&self, coordinate: &str) -> f64 {
-        self.reserves_at.iter().find(|(name, _)| name == coordinate).map_or(self.reserves, |(_, moment)| *moment)
+        at(&self.reserves_at, coordinate).unwrap_or(self.reserves)
+    }
+
+    /// The weight of a coordinate's squared distance from the measured motion, relative to its default.
+    pub fn tracking_weight(&self, coordinate: &str) -> f64 {
+        at(&self.tracking_weights, coordinate).unwrap_or(1.0)
     }
 
     /// Whether there is a reserve at any coordinate.
@@ -294,6 +301,9 @@ impl Settings {
         }
         if let Some(coordinate) = name.strip_prefix("reserves.") {
             return Some(Value::Number(self.reserve(coordinate)));
+        }
+        if let Some(coordinate) = name.strip_prefix("tracking_weight.") {
+            return Some(Value::Number(self.tracking_weight(coordinate)));
         }
         // These are not serialised if they have their default.
         match name {
@@ -332,6 +342,7 @@ impl Settings {
         }
         same.measurement_ratio = Some(self.measured_per_interval());
         same.reserves_at.retain(|(_, moment)| *moment != self.reserves);
+        same.tracking_weights.retain(|(_, weight)| *weight != 1.0);
         if !self.has_reserves() {
             same.reserve_weight = 1.0;
         }
@@ -446,6 +457,19 @@ fn check_points(points: usize, what: &str, help: &str) -> Result<usize, InvalidV
         return Err(InvalidValue::new(message, help));
     }
     Ok(points)
+}
+
+/// The value of a coordinate in a list by coordinate.
+fn at(list: &[(String, f64)], coordinate: &str) -> Option<f64> {
+    list.iter().find(|(name, _)| name == coordinate).map(|(_, value)| *value)
+}
+
+/// Sets the value of a coordinate.
+fn set_at(list: &mut Vec<(String, f64)>, coordinate: &str, value: f64) {
+    list.retain(|(other, _)| other != coordinate);
+    list.push((coordinate.to_owned(), value));
+    // A unique form, because they are part of a job's identity.
+    list.sort_by(|a, b| a.0.cmp(&b.0));
 }
 
 /// What a reserve may be.

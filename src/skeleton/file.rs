@@ -13,6 +13,7 @@ use super::frame::Frame;
 use super::function::{Function, FunctionEntry};
 use super::passive::{Passive, PassiveEntry};
 use super::path::{Move, MusclePath, Obstacle, PathPoint};
+use super::polynomial::LengthEntry;
 use super::surface::{Shape, Side, Surface};
 use super::{Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton, Turn};
 use crate::curves::ForceVelocity;
@@ -358,8 +359,12 @@ pub struct MuscleEntry {
     pub max_shortening_velocity: Option<f64>,
     /// Whether the tendon is rigid; determined by `rigid_tendon_below` if absent.
     pub rigid_tendon: Option<bool>,
-    /// Origin, via points, insertion: at least two points.
+    /// Origin, via points, insertion: at least two points; none are needed with `length`.
+    #[serde(default)]
     pub path: Vec<PointEntry>,
+    /// The length of the musculotendon as a polynomial of coordinates, fitted beforehand, in place of that along the path.
+    /// Points of the path are then for drawings and for the loads that joints carry.
+    pub length: Option<LengthEntry>,
     /// Surfaces that the path wraps around, in the order in which they are placed on it, as in OpenSim.
     #[serde(default)]
     pub surfaces: Vec<ObstacleEntry>,
@@ -944,8 +949,9 @@ impl MuscleEntry {
 
     fn check(&self, names: &Names<'_>, defaults: &MusclesEntry, force_velocity: ForceVelocity) -> Checked<Muscle> {
         let place = |key: &'static str| ["muscle", self.name.as_str(), key];
-        if self.path.len() < 2 {
-            return Err(Issue::new(&place("path"), "fewer than two points", "a path needs an origin and an insertion"));
+        if self.path.len() < 2 && !(self.path.is_empty() && self.length.is_some()) {
+            let help = "a path needs an origin and an insertion, or the muscle a `length`";
+            return Err(Issue::new(&place("path"), "fewer than two points", help));
         }
         self.check_points_differ()?;
         let point = |entry: &PointEntry| {
@@ -1005,7 +1011,7 @@ impl MuscleEntry {
                 ObstacleEntry::Parts { name, parts } => (name, Some(*parts)),
             };
             if parts.is_some_and(|[first, last]| first > last || last + 1 >= self.path.len()) {
-                let help = format!("the path has parts 0 to {}", self.path.len() - 2);
+                let help = format!("the path has {} parts, counted from 0", self.path.len().saturating_sub(1));
                 return Err(Issue::new(
                     &place("surfaces"),
                     format!("`{name}` is assigned to parts that the path does not have"),
@@ -1034,6 +1040,11 @@ impl MuscleEntry {
                 points: self.path.iter().map(point).collect::<Checked<Vec<_>>>()?,
                 surfaces: self.surfaces.iter().map(surface).collect::<Checked<Vec<_>>>()?,
             },
+            length: self
+                .length
+                .as_ref()
+                .map(|length| length.check(&names.coordinates, &place("length")))
+                .transpose()?,
         })
     }
 }

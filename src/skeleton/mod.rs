@@ -12,6 +12,7 @@ pub mod function;
 mod half_ellipsoid;
 pub mod passive;
 pub mod path;
+pub mod polynomial;
 mod shape;
 pub mod surface;
 pub mod text;
@@ -28,6 +29,7 @@ use frame::Frame;
 use function::Function;
 use passive::Passive;
 use path::MusclePath;
+use polynomial::Polynomial;
 use surface::Surface;
 
 /// A checked spatial model.
@@ -190,7 +192,17 @@ pub struct Muscle {
     /// True if the tendon does not stretch.
     pub rigid_tendon: bool,
     pub force_velocity: ForceVelocity,
+    /// May have no points where the length is a polynomial.
     pub path: MusclePath,
+    /// The musculotendon length as a polynomial of coordinates; along the path if `None`.
+    pub length: Option<Polynomial>,
+}
+
+impl Muscle {
+    /// Whether it is known where it pulls at bodies, and not only its length.
+    pub fn has_path(&self) -> bool {
+        self.path.points.len() > 1
+    }
 }
 
 impl Coordinate {

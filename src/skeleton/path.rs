@@ -205,7 +205,10 @@ impl Skeleton {
         let q = &q[..];
         let frames = self.frames(q);
         let routed: Vec<Routed<'_>> = self.muscles.iter().map(|m| m.path.route(self, q, &frames)).collect();
-        let mut found: Vec<(f64, Vec<f64>)> = routed.iter().map(|r| (r.length, Vec::new())).collect();
+        let fitted = |muscle: &Muscle| muscle.length.as_ref().map(|length| length.of(q));
+        let length = |(routed, muscle): (&Routed<'_>, &Muscle)| fitted(muscle).unwrap_or(routed.length);
+        let mut found: Vec<(f64, Vec<f64>)> =
+            routed.iter().zip(&self.muscles).map(|both| (length(both), Vec::new())).collect();
         for k in 0..q.len() {
             let mut seeded: Vec<Dual64> =
                 q.iter().enumerate().map(|(i, &x)| Dual64::new(x, f64::from(i == k))).collect();
@@ -214,9 +217,10 @@ impl Skeleton {
             }
             let frames = self.frames(&seeded);
             for ((routed, muscle), (_, arms)) in routed.iter().zip(&self.muscles).zip(&mut found) {
-                arms.push(match routed.through_torus {
-                    false => -routed.slope(&seeded, &frames),
-                    true => -self.slope_by_differences(muscle, q, k),
+                arms.push(match (&muscle.length, routed.through_torus) {
+                    (Some(length), _) => -length.of(&seeded).eps,
+                    (None, false) => -routed.slope(&seeded, &frames),
+                    (None, true) => -self.slope_by_differences(muscle, q, k),
                 });
             }
         }

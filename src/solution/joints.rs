@@ -7,6 +7,7 @@ use crate::model::spatial::Spatial;
 use crate::model::tree::dynamics::State;
 use crate::motion::external_loads::LoadAt;
 use crate::outcome::JointRow;
+use crate::skeleton::Muscle;
 use crate::skeleton::file::GROUND;
 use crate::skeleton::frame::{Frame, Vector, norm};
 
@@ -17,9 +18,9 @@ struct Carried {
 }
 
 impl Solution<'_> {
-    /// A row for each joint of a spatial model.
+    /// A row for each joint of a spatial model; none where muscles have no path.
     pub fn joint_rows(&self) -> Vec<JointRow> {
-        let Some(spatial) = self.model().spatial() else { return Vec::new() };
+        let Some(spatial) = self.spatial_with_paths() else { return Vec::new() };
         let carried: Vec<Carried> = self.complete_locals().iter().map(|z| self.carried(spatial, z)).collect();
         let (weights, duration, body_weight) = (self.weights(), self.duration(), weight(&spatial.skeleton));
         let of_weight = |force: f64| (body_weight > 0.0).then(|| force / body_weight);
@@ -47,7 +48,7 @@ impl Solution<'_> {
     /// Hands the components of the joints' loads at a point to `push`: signal, name and value; in the axes of the ground, the
     /// parent and the child.
     pub(super) fn push_joints(&self, z: &[f64], push: &mut impl FnMut(&str, &str, f64)) {
-        let Some(spatial) = self.model().spatial() else { return };
+        let Some(spatial) = self.spatial_with_paths() else { return };
         let Carried { loads, frames } = self.carried(spatial, z);
         for j in real_joints(spatial) {
             let joint = &spatial.skeleton.joints[j];
@@ -62,6 +63,10 @@ impl Solution<'_> {
                 }
             }
         }
+    }
+
+    fn spatial_with_paths(&self) -> Option<&Spatial> {
+        self.model().spatial().filter(|spatial| spatial.skeleton.muscles.iter().all(Muscle::has_path))
     }
 
     fn carried(&self, spatial: &Spatial, z: &[f64]) -> Carried {

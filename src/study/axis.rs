@@ -50,7 +50,7 @@ pub fn check_name(name: &str, spec: &toml::Value, place: &[String]) -> Result<()
 /// Refuses `muscle.triceps.… =` without quotes, which TOML reads as nested tables.
 pub fn check_quoted(name: &str, spec: &toml::Value, place: &[String]) -> Result<(), Issue> {
     let toml::Value::Table(inner) = spec else { return Ok(()) };
-    let is_group = super::change::GROUPS.contains(&name) || ["motion", "warn"].contains(&name);
+    let is_group = super::change::GROUPS.contains(&name) || ["motion", "warn", "tracking_weight"].contains(&name);
     // `reserves` is a setting, which may be a range, and a group.
     if is_group || (name == "reserves" && !inner.keys().any(|key| RANGE_KEYS.contains(&key.as_str()))) {
         let first = inner.keys().next().map_or("…", String::as_str);

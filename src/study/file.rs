@@ -273,7 +273,7 @@ fn names(generator: &mut SchemaGenerator, of: impl Fn(&serde_json::Value) -> ser
     json_schema!({
         "type": "object",
         "properties": properties,
-        "patternProperties": { pattern: any, r"^(motion|reserves)\..+$": number },
+        "patternProperties": { pattern: any, r"^(motion|reserves|tracking_weight)\..+$": number },
         "additionalProperties": false,
     })
 }
@@ -281,7 +281,7 @@ fn names(generator: &mut SchemaGenerator, of: impl Fn(&serde_json::Value) -> ser
 fn fixed_values(generator: &mut SchemaGenerator) -> Schema {
     let mut schema = names(generator, serde_json::Value::clone);
     // A path may be written as one quoted key or as nested tables.
-    let pattern = format!("^({}|motion)$", GROUPS.join("|"));
+    let pattern = format!("^({}|motion|tracking_weight)$", GROUPS.join("|"));
     if let Some(patterns) = schema.get_mut("patternProperties").and_then(serde_json::Value::as_object_mut) {
         patterns.insert(pattern, serde_json::json!({ "type": "object" }));
     }

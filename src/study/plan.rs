@@ -470,6 +470,13 @@ impl<'m> Plan<'m> {
             let message = format!("`{name}` does not move by forces, or is another unknown of a ball joint");
             return Err(complaint_at(self.place(&format!("reserves.{name}")), InvalidValue::new(message, help)));
         }
+        let tracked = model.mechanics.coordinate_names();
+        if let Some((name, _)) = job.settings.tracking_weights.iter().find(|(name, _)| !tracked.contains(name)) {
+            let near = nearest(name, tracked.iter().map(String::as_str)).map(|n| format!("did you mean `{n}`? "));
+            let help = format!("{}tracked are: {}", near.unwrap_or_default(), tracked.join(", "));
+            let message = format!("`{name}` does not move by forces, or is another unknown of a ball joint");
+            return Err(complaint_at(self.place(&format!("tracking_weight.{name}")), InvalidValue::new(message, help)));
+        }
         self.check_drives(model, job)?;
         let has_actuators = job.settings.has_reserves() || !model.actuators.is_empty();
         if job.settings.mu == 0.0 && has_actuators {

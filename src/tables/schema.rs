@@ -57,7 +57,7 @@ pub fn row_of(table: &str) -> &'static str {
         "muscles" => "a muscle of a job that has a last iterate; only those of converged jobs are reliable",
         "reserves" => "a reserve or actuator of a job with a last iterate (only if a job has one)",
         "joints" => {
-            "a joint of a spatial model, of a job with a last iterate: the load on its child (joint contact load)"
+            "a joint of a spatial model, of a job with a last iterate: the load on its child (joint contact load); none where a muscle has a `length`, but no path"
         }
         "ratios" => "a declared load ratio of a job, by measure (only if the study declares one)",
         "spectrum" => "a singular value near the cut between kept and dropped ones",

@@ -13,9 +13,15 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// A text without its line breaks, which depend on the terminal's width.
+/// A text without its line breaks and the rule before each line, which depend on the terminal's width and on how long
+/// the paths in it are.
 pub fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<&str>>().join(" ")
+    text.replace('│', " ").split_whitespace().collect::<Vec<&str>>().join(" ")
+}
+
+/// What a user reads of an error, on one line.
+pub fn said(error: impl miette::Diagnostic + Send + Sync + 'static) -> String {
+    one_line(&format!("{:?}", miette::Report::new(error)))
 }
 
 #[test]

@@ -10,7 +10,7 @@ use sinew::internals::solve::solve;
 use sinew::internals::study::load_skeleton;
 use sinew::internals::tables::{Table, read};
 
-use super::cli::{sinew, text};
+use super::cli::{said, sinew, text};
 use super::support::{folder, root, study};
 
 /// A forearm on a hinge with a muscle. `more` is added to the parts of the model, `forces` to its forces.
@@ -49,11 +49,7 @@ fn imported(text: String) -> Imported {
 
 fn refused(text: String) -> String {
     let error = import(&SourceFile { path: "m.osim".into(), text }).map(|_| ()).expect_err("it is refused");
-    format!("{:?}", miette::Report::new(error))
-        .replace(['\n', '│'], " ")
-        .split_whitespace()
-        .collect::<Vec<_>>()
-        .join(" ")
+    said(error)
 }
 
 fn has_note(imported: &Imported, weight: Weight, what: &str, lost: &str) -> bool {
@@ -582,7 +578,7 @@ fn a_planar_loop_refuses_a_motion_that_it_cannot_make() {
         regularity = 'off'\nmu = 0.1\n";
     let folder = folder(&[("study.toml", text), ("still.csv", &still)]);
     let refused = sinew::internals::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
-    let said = format!("{:?}", miette::Report::new(refused));
+    let said = said(refused);
     assert!(said.contains("joints cannot follow") && said.contains("close"), "{said}");
     // The shipped motion closes the loop.
     let moved =

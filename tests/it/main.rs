@@ -10,6 +10,7 @@ mod commands;
 mod compare;
 mod derivatives;
 mod engine;
+mod fitted;
 mod folders;
 mod honest;
 mod inverse_dynamics;

@@ -400,7 +400,7 @@ fn what_a_study_cannot_have_is_pointed_at_and_what_a_path_lacks_is_named() {
     let mut still = fixture("arm_v4.osim");
     still.text = still.text.replace("<locked>false", "<locked>true");
     let error = sinew::internals::study::load_model(&still).map(|_| ()).unwrap_err();
-    let said = format!("{:?}", miette::Report::new(error));
+    let said = super::cli::said(error);
     assert!(said.contains("arm_v4.osim:") && said.contains("nothing moves by forces"), "{said}");
     let mut source = fixture("arm_v4.osim");
     source.text = source.text.replace("<wrap_object>elbow_pulley", "<wrap_object>elbow_pully");

@@ -158,7 +158,7 @@ fn mistakes_are_told_apart() {
         );
         let folder = folder(&[("study.toml", &text)]);
         let error = sinew::internals::study::Study::load(&folder.path().join("study.toml")).unwrap_err();
-        format!("{:?}", miette::Report::new(error))
+        super::cli::said(error)
     };
     let range = "[sweep.grid]\nreserves = { from = 1.0, to = 5.0, count = 3 }";
     let text = format!(

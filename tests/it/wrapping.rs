@@ -258,7 +258,7 @@ fn moment_arms_through_a_torus_are_the_slopes_of_lengths() {
 }
 
 /// Rows of a CSV file by column.
-fn csv(path: &Path) -> Vec<BTreeMap<String, String>> {
+pub fn csv(path: &Path) -> Vec<BTreeMap<String, String>> {
     let mut reader = csv::Reader::from_path(path).unwrap();
     let names = reader.headers().unwrap().clone();
     let row =
@@ -293,7 +293,7 @@ fn val_lengths_and_moment_arms_are_those_of_opensim_but_for_the_named_muscles() 
 }
 
 /// The poses of a motion at the instants of a table.
-fn poses_of(motion: &str, truth: &[BTreeMap<String, String>]) -> String {
+pub fn poses_of(motion: &str, truth: &[BTreeMap<String, String>]) -> String {
     let mut lines = motion.lines().skip_while(|line| *line != "endheader").skip(1);
     let names: Vec<&str> = lines.next().unwrap().split('\t').skip(1).map(|n| n.rsplit('/').nth(1).unwrap()).collect();
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split('\t').collect()).collect();

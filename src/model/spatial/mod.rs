@@ -8,6 +8,7 @@
 //! A joint has no constraints of its own: its coordinates are what it leaves free. Where the thesis has body coordinates and
 //! joint reactions among its unknowns, these equations are what remains of them after the reactions are eliminated.
 
+pub mod fitted;
 pub mod jet;
 pub mod linkage;
 mod loops;
@@ -22,10 +23,12 @@ use num_dual::Dual64;
 
 use super::driven::DrivenCoordinate;
 use super::mechanics::{EachConstraint, Level, Mechanics, Motion, numbered, through};
+use super::path::Path;
 use super::tree::dynamics::{self, Dynamics, Load, Point, State};
 use crate::skeleton::frame::{Frame, Vector, cross, dot, norm};
 use crate::skeleton::passive::PassiveEntry;
 use crate::skeleton::{self, Skeleton};
+use fitted::FittedPath;
 use linkage::Linkage;
 use loops::{Loop, ROWS};
 use path::SpatialPath;
@@ -69,9 +72,11 @@ impl Spatial {
     }
 
     /// The path of a muscle that moves something, otherwise `None`.
-    pub fn path(&self, muscle: &skeleton::Muscle) -> Option<SpatialPath> {
-        let path = SpatialPath::new(&self.skeleton, &self.linkage, muscle);
-        (!path.slots.is_empty()).then_some(path)
+    pub fn path(&self, muscle: &skeleton::Muscle) -> Option<Path> {
+        let fitted = FittedPath::new(&self.skeleton, &self.linkage, muscle);
+        let path = fitted.map(|fitted| Path::Fitted(Box::new(fitted)));
+        let path = path.unwrap_or_else(|| Path::Spatial(SpatialPath::new(&self.skeleton, &self.linkage, muscle)));
+        (!path.slots().is_empty()).then_some(path)
     }
 
     /// Passive elements at unknowns, with the numbers of those.

@@ -60,8 +60,8 @@ impl Skeleton {
         for muscle in &self.muscles {
             let Some(path) = spatial.path(muscle) else { continue };
             found.extend(self.moves_with_ball(&spatial, muscle));
-            if path.slots.len() + 2 * muscle.path.surfaces.len() > SLOTS {
-                let message = format!("the path depends on {} coordinates; at most {SLOTS}", path.slots.len());
+            if muscle.length.is_none() && path.slots().len() + 2 * muscle.path.surfaces.len() > SLOTS {
+                let message = format!("the path depends on {} coordinates; at most {SLOTS}", path.slots().len());
                 found.push(Issue::new(&["muscle", &muscle.name, "path"], message, "split the muscle"));
             }
         }
@@ -91,8 +91,14 @@ impl Skeleton {
         found
     }
 
-    /// A point that moves or comes and goes with a coordinate of a ball joint that is no function of its angles.
+    /// A point that moves or comes and goes, or a fitted length, with a coordinate of a ball joint that is no function of
+    /// its angles.
     fn moves_with_ball(&self, spatial: &Spatial, muscle: &Muscle) -> Option<Issue> {
+        let fitted = muscle.length.iter().flat_map(|length| length.coordinates.iter().copied());
+        if let Some(c) = { fitted }.find(|&c| spatial.linkage.ball_of(c).is_some()) {
+            let message = format!("the length depends on `{}`, a coordinate of a ball joint", self.coordinates[c].name);
+            return Some(Issue::new(&["muscle", &muscle.name, "length"], message, "remove `ball` of the joint"));
+        }
         let points = muscle.path.points.iter();
         let mut by = points.flat_map(|p| p.moves.iter().map(|m| m.coordinate).chain(p.when.map(|(c, _)| c)));
         let c = by.find(|&c| {
