@@ -83,6 +83,7 @@ mod outcome;
 mod plausibility;
 mod prepare;
 mod problem;
+mod recruitment;
 mod reference;
 mod report;
 mod run;

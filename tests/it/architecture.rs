@@ -33,7 +33,7 @@ fn one_door_a_crate() {
 }
 
 /// All modules of the program: each may use those before it only.
-const LAYERS: [&str; 38] = [
+const LAYERS: [&str; 39] = [
     "terminal",
     "deadline",
     "error",
@@ -48,6 +48,7 @@ const LAYERS: [&str; 38] = [
     "settings",
     "opensim",
     "nlp",
+    "recruitment",
     "problem",
     "transcription",
     "methods",
