@@ -4,7 +4,7 @@
 use crate::deadline::Deadline;
 use crate::mesh_error;
 use crate::methods::InverseProblem;
-use crate::methods::prediction::{Setting, predict};
+use crate::methods::prediction::{Prediction, Setting, predict};
 use crate::motion::Measurement;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
@@ -177,7 +177,9 @@ fn add_ranks(
 ) {
     let SolvedProblem { inverse, problem, measurement, settings, deadline } = *context;
     let setting = Setting::new(inverse, problem.scheme, measurement, settings);
-    let found = regularity_rows(counter, inverse, problem, ranked_at, &setting);
+    let (bounds, _) = active_rows(problem, ranked_at);
+    let predicted = predict(inverse, problem, &ranked_at.x, &bounds, &setting);
+    let found = ranked(counter, inverse, problem, ranked_at, predicted);
     let Some((row, spectrum, null_directions)) = found else {
         return;
     };
@@ -217,7 +219,9 @@ fn add_changes(outcome: &mut Outcome, context: &SolvedProblem<'_>, kkt: &mut Kkt
     let SolvedProblem { inverse, problem, settings, .. } = *context;
     let Some(mut linearised) = Linearised::new(kkt, problem, solution.iterate) else { return };
     if settings.regularity != RegularityMode::Off {
-        let parameters = uniqueness::parameters(inverse, problem, solution.iterate, settings.mu);
+        // With a given motion nothing is weighed against it.
+        let mu = if inverse.motion.is_given { 0.0 } else { settings.mu };
+        let parameters = uniqueness::parameters(inverse, problem, solution.iterate, mu);
         let means: Vec<f64> = outcome.muscles.iter().map(|muscle| muscle.mean_force_n).collect();
         let slopes = |direction: &[f64]| solution.mean_force_slopes(direction);
         outcome.sensitivities = uniqueness::sensitivities(&mut linearised, inverse.model, &parameters, slopes, &means);
@@ -342,14 +346,14 @@ fn step_row(record: &Record) -> Option<StepRow> {
     })
 }
 
-/// Ranks at a polished point, with the deficiencies predicted from the pattern of active bounds; the singular values
+/// Ranks at a polished point, with the `predicted` deficiencies; the singular values
 /// around the tolerance; and the null directions. `None` if the ranks cannot be computed.
-fn regularity_rows(
+pub fn ranked(
     counter: &mut RankCounter<'_>,
     inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     point: &Iterate,
-    setting: &Setting,
+    predicted: Prediction,
 ) -> Option<(RegularityRow, Vec<SpectrumRow>, Vec<Vec<f64>>)> {
     let (bounds, force) = active_rows(problem, point);
     let found = counter.analyse(point, &bounds)?;
@@ -360,7 +364,6 @@ fn regularity_rows(
         all.extend(&force);
         counter.deficiencies(point, &all)?
     };
-    let predicted = predict(inverse, problem, &point.x, &bounds, setting);
     let row = |spectrum: &regularity::Spectrum, predicted: Option<usize>| MatrixRank {
         size: (spectrum.rank + spectrum.deficiency) as i64,
         rank: spectrum.rank as i64,

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 /// Paths under `src/` that determine the numerical results of a job.
-const SOURCES: [&str; 23] = [
+const SOURCES: [&str; 25] = [
     "analysis.rs",
     "curves.rs",
     "deadline.rs",
@@ -19,6 +19,8 @@ const SOURCES: [&str; 23] = [
     "plausibility.rs",
     "prepare.rs",
     "problem",
+    "recruited.rs",
+    "recruitment",
     "settings",
     "skeleton",
     "solution",

@@ -12,10 +12,10 @@
 //! DEPARTURE [thesis, Paper B, eq. 24]: the tendon velocity comes from the splines through neighbouring points. Solving
 //! eq. (24) for it point by point would invert the flat ends of the force–velocity curve.
 
-use crate::curves::{active_force_length, passive_force_length, tendon_strain};
+use crate::curves::active_force_length;
 use crate::deadline::Deadline;
 use crate::methods::InverseProblem;
-use crate::model::Model;
+use crate::model::{Model, Musculotendon};
 use crate::motion::Measurement;
 use crate::nlp::subproblem::qp::QuadraticProgramme;
 use crate::numerics::banded::SymmetricBand;
@@ -78,9 +78,7 @@ impl<'g> Guess<'g> {
             for (m, muscle) in model.muscles.iter().enumerate() {
                 let mut path = muscle.path.buffer();
                 muscle.path.length(&q, false, &mut path);
-                let strain = if muscle.rigid_tendon { 0.0 } else { tendon_strain(force[m].max(0.0)).value };
-                let along = path.value - muscle.tendon_slack_length * (1.0 + strain);
-                lengths[m].push(along / muscle.fibre_along_tendon());
+                lengths[m].push(muscle.fibre_length(path.value, force[m].max(0.0)));
                 forces[m].push(force[m]);
             }
             reactions.push(reaction);
@@ -97,7 +95,7 @@ impl<'g> Guess<'g> {
                     let l = state.value(&length, t, 0);
                     let v = state.value(&length, t, 1) / muscle.max_shortening_velocity;
                     let active = active_force_length(l).value.max(0.05) * muscle.force_velocity.at(v).value;
-                    let passive = passive_force_length(l).value;
+                    let passive = muscle.passive_curve(l).value;
                     ((force / muscle.pennation_angle.cos() - passive) / active).clamp(0.0, 1.0)
                 })
                 .collect();
@@ -149,13 +147,13 @@ impl Trajectory for Guess<'_> {
             self.coordinate.value(&self.coordinates[member], t, derivative)
         } else if Some(quantity) == motion.velocity {
             self.coordinate.value(&self.coordinates[member], t, derivative + 1)
-        } else if quantity == muscles.fibre_length {
+        } else if Some(quantity) == muscles.fibre_length {
             self.state.value(&self.lengths[member], t, 0)
         } else if quantity == muscles.activation {
             self.activation(t, member)
-        } else if quantity == muscles.excitation {
+        } else if Some(quantity) == muscles.excitation {
             self.excitation(t, member)
-        } else if quantity == motion.reaction {
+        } else if Some(quantity) == motion.reaction {
             self.interpolated(&self.reactions, t, member)
         } else if self.inverse.actuators.first().is_some_and(|actuator| quantity == actuator.quantity) {
             self.interpolated(&self.controls, t, member)
@@ -252,16 +250,17 @@ fn distribute_load(
     (0..nq).for_each(|i| columns.push((i, nm + nc + i, 1.0)));
     let first = nm + nc + nq;
     for (k, actuator) in inverse.actuators.iter().enumerate() {
-        let slopes = actuator.coordinate.slopes(all);
+        let slopes = actuator.own.coordinate.slopes(all);
         let slots = slopes.slots.into_iter().zip(slopes.gradient);
-        columns.extend(slots.map(|(slot, g)| (slot, first + k, -actuator.moment / weight * g)));
+        columns.extend(slots.map(|(slot, g)| (slot, first + k, -actuator.own.moment / weight * g)));
     }
     let n = first + inverse.actuators.len();
     let equalities = Sparse::from_triplets(nq, n, &columns);
     let mut diagonal: Vec<(usize, usize, f64)> = (0..nm).map(|m| (m, m, 1.0)).collect();
     diagonal.extend((nm..nm + nc).map(|i| (i, i, 1e-9)));
     diagonal.extend((nm + nc..first).map(|i| (i, i, VIOLATION_PENALTY)));
-    diagonal.extend(inverse.actuators.iter().enumerate().map(|(k, actuator)| (first + k, first + k, actuator.weight)));
+    diagonal
+        .extend(inverse.actuators.iter().enumerate().map(|(k, actuator)| (first + k, first + k, actuator.own.weight)));
     let hessian = Sparse::from_triplets(n, n, &diagonal);
     let limits: Vec<(usize, usize, f64)> = (0..nm).flat_map(|m| [(m, m, 1.0), (nm + m, m, -1.0)]).collect();
     let inequalities = Sparse::from_triplets(2 * nm, n, &limits);
@@ -282,35 +281,18 @@ fn distribute_load(
     Some(Loads {
         force: forces.collect(),
         reaction: solution.step[nm..nm + nc].to_vec(),
-        control: controls.map(|(actuator, r)| r.clamp(actuator.bounds[0], actuator.bounds[1])).collect(),
+        control: controls.map(|(actuator, r)| r.clamp(actuator.own.bounds[0], actuator.own.bounds[1])).collect(),
     })
 }
 
 /// (f_t0, f_t1) of each muscle: normalised tendon forces at zero and at full activation, for zero tendon velocity.
 fn tendon_force_range(model: &Model, q: &[f64], velocity: &[f64]) -> Vec<(f64, f64)> {
-    model
-        .muscles
-        .iter()
-        .map(|muscle| {
-            let mut path = muscle.path.buffer();
-            muscle.path.length(q, false, &mut path);
-            let rate: f64 = muscle.path.slots().iter().zip(&path.gradient).map(|(&s, g)| g * velocity[s]).sum();
-            let v = rate / muscle.fibre_along_tendon();
-            let equilibrium = |a: f64| {
-                if muscle.rigid_tendon {
-                    let l = (path.value - muscle.tendon_slack_length) / muscle.fibre_along_tendon();
-                    return muscle.fibre_force(a, l, v).value;
-                }
-                // The strain of the tendon decreases with l: bisect between zero and the length of the whole path.
-                let (mut low, mut high) = (0.0, path.value / muscle.fibre_along_tendon());
-                for _ in 0..60 {
-                    let l = 0.5 * (low + high);
-                    let force = muscle.fibre_force(a, l, v).value;
-                    if muscle.tendon_strain(path.value, l) > tendon_strain(force).value { low = l } else { high = l }
-                }
-                muscle.fibre_force(a, 0.5 * (low + high), v).value
-            };
-            (equilibrium(0.0), equilibrium(1.0))
-        })
-        .collect()
+    let of = |muscle: &Musculotendon| {
+        let mut path = muscle.path.buffer();
+        muscle.path.length(q, false, &mut path);
+        let rate: f64 = muscle.path.slots().iter().zip(&path.gradient).map(|(&s, g)| g * velocity[s]).sum();
+        let [low, high] = muscle.force_range(path.value, rate);
+        (low, high)
+    };
+    model.muscles.iter().map(of).collect()
 }

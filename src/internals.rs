@@ -16,6 +16,9 @@ pub mod error {
 pub mod methods {
     pub use crate::methods::InverseProblem;
     pub use crate::methods::dynamic::dynamic;
+    pub mod given_motion {
+        pub use crate::methods::given_motion::{GivenMotion, Instant};
+    }
     pub mod prediction {
         pub use crate::methods::prediction::{Setting, predict};
     }
@@ -129,6 +132,9 @@ pub mod problem {
         pub use crate::problem::goals::{Sample, Shape};
     }
 }
+pub mod recruitment {
+    pub use crate::recruitment::{Criterion, Failure, Optimum, Programme, Term, missing};
+}
 pub mod reference {
     pub use crate::reference::{FileKind, keys, settings};
 }
@@ -148,7 +154,10 @@ pub mod run {
     }
 }
 pub mod settings {
-    pub use crate::settings::{Bounds, Initial, LoadSharingGrid, RegularityMode, Scheme, Settings, Value, WarmStart};
+    pub use crate::settings::{
+        Bounds, Criterion, EffortOf, EffortWeight, Initial, LoadSharingGrid, Method, MuscleDynamics, RegularityMode,
+        Scheme, Settings, Value, WarmStart,
+    };
 }
 pub mod skeleton {
     pub use crate::skeleton::{Role, Skeleton};

@@ -83,6 +83,7 @@ mod outcome;
 mod plausibility;
 mod prepare;
 mod problem;
+mod recruited;
 mod recruitment;
 mod reference;
 mod report;

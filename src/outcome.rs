@@ -343,26 +343,34 @@ pub struct MuscleRow {
     pub mean_activation_low: Option<f64>,
     pub mean_activation_high: Option<f64>,
     pub peak_activation: f64,
-    pub peak_excitation: f64,
+    pub peak_excitation: Option<f64>,
     /// Share of the time with an activation of 1.
     pub saturated_share: f64,
+    /// Share of the time in which it has no strength and is left out; `None` where that cannot be.
+    #[serde(default)]
+    pub left_out_share: Option<f64>,
     pub mean_force_n: f64,
     /// Estimated discretisation error of the mean force, computed minus exact.
     pub mean_force_mesh_error_n: Option<f64>,
+    /// Smallest and largest mean force at nearly the same cost.
+    #[serde(default)]
+    pub mean_force_near_low_n: Option<f64>,
+    #[serde(default)]
+    pub mean_force_near_high_n: Option<f64>,
     pub peak_force_n: f64,
     pub min_force_n: f64,
     pub impulse_n_s: f64,
     pub peak_passive_force_n: f64,
     /// In optimal fibre lengths, as is `max_fibre_length`.
-    pub min_fibre_length: f64,
-    pub max_fibre_length: f64,
+    pub min_fibre_length: Option<f64>,
+    pub max_fibre_length: Option<f64>,
     /// |a| ≤ 1e-8 at every collocation point.
     pub idle: bool,
     /// max |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity, optimal fibre lengths per second.
-    pub ringing: f64,
+    pub ringing: Option<f64>,
     /// Share of inner points at which the fibre velocity changes from rising to falling or back.
-    pub direction_changes: f64,
-    pub peak_fibre_velocity_per_s: f64,
+    pub direction_changes: Option<f64>,
+    pub peak_fibre_velocity_per_s: Option<f64>,
     /// Total variation of the excitation over twice its range: 1 if it rises and falls once. `None` in results of older versions.
     #[serde(default)]
     pub excitation_swings: Option<f64>,

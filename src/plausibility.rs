@@ -14,7 +14,7 @@ pub struct WarningKind {
 }
 
 /// All kinds of warning.
-pub const WARNING_KINDS: [WarningKind; 10] = [
+pub const WARNING_KINDS: [WarningKind; 11] = [
     WarningKind {
         code: "tracking",
         limit: "tracking error above warn.tracking_deg (2°) or warn.tracking_mm (10 mm), RMS",
@@ -43,6 +43,11 @@ pub const WARNING_KINDS: [WarningKind; 10] = [
         limit: "fibre length below warn.fibre_length_min (0.4) or above warn.fibre_length_max (1.6) optimal fibre \
                 lengths",
         remedy: "the tendon slack length or the optimal fibre length does not fit the path",
+    },
+    WarningKind {
+        code: "left_out",
+        limit: "a muscle without strength (below 0.001 times the maximum isometric force) at some instant of a given motion",
+        remedy: "its fibre is too short, too long or too fast there: check its lengths, and the motion's unit and smoothing",
     },
     WarningKind {
         code: "fast_motion",
@@ -109,9 +114,10 @@ pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<W
         if others == 0 { String::new() } else { format!(" and {others} more") }
     };
     let is_saturated = |row: &MuscleRow| row.saturated_share > limits.saturated;
-    let exceeds_one = |row: &MuscleRow| row.peak_activation.max(row.peak_excitation) > 1.0 + ROUNDING_ERROR;
+    let exceeds_one =
+        |row: &MuscleRow| row.peak_activation.max(row.peak_excitation.unwrap_or(0.0)) > 1.0 + ROUNDING_ERROR;
     if let Some((peak, row)) =
-        worst(&|_, row| row.peak_activation.max(row.peak_excitation)).filter(|(_, row)| exceeds_one(row))
+        worst(&|_, row| row.peak_activation.max(row.peak_excitation.unwrap_or(0.0))).filter(|(_, row)| exceeds_one(row))
     {
         let more = count(&|_, row| exceeds_one(row));
         warn("saturated", format!("{}{more}: activation or excitation up to {peak:.2}", row.muscle));
@@ -134,17 +140,23 @@ pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<W
         }
     }
     let outside = |row: &MuscleRow| {
-        (limits.fibre_length_min - row.min_fibre_length).max(row.max_fibre_length - limits.fibre_length_max)
+        let (short, long) = (row.min_fibre_length.unwrap_or(1.0), row.max_fibre_length.unwrap_or(1.0));
+        (limits.fibre_length_min - short).max(long - limits.fibre_length_max)
     };
     if let Some((_, row)) = worst(&|_, row| outside(row)).filter(|(by, _)| *by > 0.0) {
         let more = count(&|_, row| outside(row) > 0.0);
-        let (low, high) = (row.min_fibre_length, row.max_fibre_length);
+        let (low, high) = (row.min_fibre_length.unwrap_or(1.0), row.max_fibre_length.unwrap_or(1.0));
         warn("fibre_length", format!("{}{more}: {low:.2} to {high:.2} optimal fibre lengths", row.muscle));
     }
-    let velocity = |row: &MuscleRow| row.peak_fibre_velocity_per_s;
+    let velocity = |row: &MuscleRow| row.peak_fibre_velocity_per_s.unwrap_or(0.0);
     if let Some((peak, row)) = worst(&|_, row| velocity(row)).filter(|(peak, _)| *peak > limits.fibre_velocity) {
         let more = count(&|_, row| velocity(row) > limits.fibre_velocity);
         warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths per second", row.muscle));
+    }
+    let left_out = |row: &MuscleRow| row.left_out_share.unwrap_or(0.0);
+    if let Some((share, row)) = worst(&|_, row| left_out(row)).filter(|(share, _)| *share > 0.0) {
+        let more = count(&|_, row| left_out(row) > 0.0);
+        warn("left_out", format!("{}{more}: no strength for {:.0} % of the time", row.muscle, 100.0 * share));
     }
     let swings = |row: &MuscleRow| row.excitation_swings.unwrap_or(0.0);
     if let Some((most, row)) = worst(&|_, row| swings(row)).filter(|(most, _)| *most > limits.chatter) {

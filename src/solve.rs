@@ -1,10 +1,12 @@
 //! Solves one job, from its task to its outcome: measure, transcribe, guess, solve, polish, rank, report. Pure: no disk
 //! access, no printing, one thread.
 
+use std::borrow::Cow;
 use std::time::Instant as Clock;
 
 use crate::analysis::{SolvedProblem, analyse};
 use crate::deadline::Deadline;
+use crate::methods::static_optimisation::recruit;
 use crate::model::Model;
 use crate::motion::MotionTable;
 use crate::nlp::kkt::Kkt;
@@ -14,8 +16,10 @@ use crate::nlp::termination::SqpStatus;
 use crate::outcome::{Outcome, SolutionPoint, Status};
 use crate::plausibility::{self, Warning};
 use crate::prepare::{Failure, Prepared, Task, late};
-use crate::settings::{RegularityMode, Settings, WarmStart};
+use crate::recruited;
+use crate::settings::{Method, MuscleDynamics, RegularityMode, Settings, WarmStart};
 use crate::starts::{Starts, start_at};
+use crate::transcription::collocation::Collocation;
 use crate::warm::Answer;
 
 /// Smallest number of intervals of a coarser mesh.
@@ -99,12 +103,42 @@ fn coarser(task: Task<'_>, clock: Clock) -> Option<Answer> {
 
 /// Solves a job, turns a failure into an outcome, and adds the warnings.
 fn attempt(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> (Outcome, Option<Answer>) {
+    let model = with_settings(task.model, task.settings);
+    let task = Task { model: &model, ..task };
     let (mut outcome, answer) =
         try_solve(task, from, clock).unwrap_or_else(|(status, reason)| (Outcome::failed(status, reason), None));
     // A motion in the wrong unit may be the reason for a failure.
     let motion = plausibility::of_motion(task.motion, task.model, task.settings);
     warn(&mut outcome, motion, task.model, task.settings);
     (outcome, answer)
+}
+
+/// The model with what settings say about all of its muscles.
+fn with_settings<'m>(model: &'m Model, settings: &Settings) -> Cow<'m, Model> {
+    let is_rigid = settings.muscle_dynamics == MuscleDynamics::RigidTendon;
+    if !is_rigid && settings.passive_forces {
+        return Cow::Borrowed(model);
+    }
+    let mut changed = model.clone();
+    for muscle in &mut changed.muscles {
+        muscle.rigid_tendon |= is_rigid;
+        muscle.has_passive_force &= settings.passive_forces;
+    }
+    Cow::Owned(changed)
+}
+
+/// A job at each of whose instants the loads are shared alone.
+fn recruit_all(prepared: &Prepared<'_>, problem: &Collocation<'_>, settings: &Settings, deadline: Deadline) -> Outcome {
+    let begun = Clock::now();
+    let rows = prepared.given.as_ref().and_then(|given| given.row_names());
+    let found = recruit(&prepared.inverse, problem, settings, rows, deadline);
+    let solve_s = begun.elapsed().as_secs_f64();
+    let ranked = Clock::now();
+    let (inverse, measurement) = (&prepared.inverse, &prepared.measurement);
+    let mut outcome = recruited::outcome(&SolvedProblem { inverse, problem, measurement, settings, deadline }, &found);
+    outcome.job.solve_s = Some(solve_s);
+    outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
+    outcome
 }
 
 /// The pipeline: prepare, transcribe, start, solve, analyse.
@@ -115,6 +149,9 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
     let problem = prepared.transcribe();
     in_time(deadline)?;
 
+    if settings.method == Method::Static {
+        return Ok((recruit_all(&prepared, &problem, settings, deadline), None));
+    }
     let begun = Clock::now();
     let warm = match from {
         StartFrom::Guess => coarser(task, clock).map(|answer| answer.start(&prepared.inverse, &problem)),

@@ -104,14 +104,18 @@ pub fn disturb(
     for m in 0..muscles.a.count {
         let alternation: f64 = rng.random_range(-0.05..0.05);
         let (factor, offset): (f64, f64) = (rng.random_range(0.2..2.0), rng.random_range(0.0..0.15));
-        for c in 0..coefficients.count(muscles.fibre_length) {
+        for c in 0..coefficients.count(muscles.activation) {
             let sign = if c % 2 == 0 { 1.0 } else { -1.0 };
-            x[coefficients.index(muscles.fibre_length, c, m)] += sign * alternation + rng.random_range(-0.02..0.02);
+            let shift = sign * alternation + rng.random_range(-0.02..0.02);
+            if let Some(length) = muscles.fibre_length {
+                x[coefficients.index(length, c, m)] += shift;
+            }
             let a = &mut x[coefficients.index(muscles.activation, c, m)];
             *a = (factor * *a + offset + rng.random_range(-0.05..0.05)).clamp(0.0, 1.0);
         }
-        for j in 0..coefficients.count(muscles.excitation) {
-            x[coefficients.index(muscles.excitation, j, m)] = x[coefficients.index(muscles.activation, j, m)];
+        for j in 0..muscles.excitation.map_or(0, |excitation| coefficients.count(excitation)) {
+            let excitation = muscles.excitation.expect("counted");
+            x[coefficients.index(excitation, j, m)] = x[coefficients.index(muscles.activation, j, m)];
         }
     }
     scheme.settle(&mut x);

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::deadline::Deadline;
 use crate::methods::InverseProblem;
+use crate::methods::muscle_force::MuscleForce;
 use crate::model::Model;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::{Kkt, Rows};
@@ -160,7 +161,8 @@ pub fn describe(
                 Part::Function(member, id) => {
                     let quantity = inverse.control.quantity(id);
                     let muscles = &inverse.muscles;
-                    let of_muscle = [muscles.activation, muscles.fibre_length, muscles.excitation].contains(&id);
+                    let own = [Some(muscles.activation), muscles.fibre_length, muscles.excitation];
+                    let of_muscle = own.contains(&Some(id));
                     let is_idle = of_muscle && idle[member];
                     let while_idle = if is_idle { " while idle" } else { "" };
                     format!("{}: {} {moves}{while_idle}", quantity.members[member], quantity.name.replace('_', " "))
@@ -250,7 +252,11 @@ pub fn parameters(
         parameters.push(Parameter { name: "mu".to_owned(), value: mu, gradient, equalities: vec![0.0; me] });
     }
     let rows = problem.equality_names();
-    for contraction in &inverse.contractions {
+    let contractions = inverse.forces.iter().filter_map(|force| match force {
+        MuscleForce::Contraction(contraction) => Some(contraction),
+        MuscleForce::Linear(_) => None,
+    });
+    for contraction in contractions {
         let (mut gradient, mut equalities) = (vec![0.0; n], vec![0.0; me]);
         for (row, &(point, equation)) in rows.iter().enumerate() {
             let Some(j) = point.filter(|_| equation == contraction.row) else { continue };

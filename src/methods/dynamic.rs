@@ -1,57 +1,65 @@
 //! `dynamic`: the motion and the muscles over time together, eqs (1)–(4), (13), (16) and (26) of the thesis, Paper B.
 //!
+//! With `muscle_dynamics = "force"` muscles make any force from 0 to F_o (eqs 1.3, 1.7, and with μ > 0 eq. 1.8).
+//!
+//! DEPARTURE [thesis, eq. 1.8]: effort is weighed by μ²/2 as in eq. (26), not by μ/2.
+//!
 //! With `scheme = "midpoint"` in q, q̇ and q̈ of one function q of time, as in the thesis; with `radau` in q and v,
 //! with the joints on the velocity level too.
 
 use std::sync::Arc;
 
-use super::{Drive, InverseProblem, MotionVariables, MuscleVariables, StabilisationVariables};
+use super::muscle_force::{LinearForce, MuscleForce};
+use super::{Drive, InverseProblem, MotionVariables, MuscleVariables, StabilisationVariables, actuators};
 use crate::model::Model;
 use crate::motion::{Measurement, Surroundings};
 use crate::problem::blocks::activation::Activation;
-use crate::problem::blocks::contraction::Contraction;
+use crate::problem::blocks::contraction::{Contraction, Way};
 use crate::problem::blocks::equation_of_motion::EquationOfMotion;
+use crate::problem::blocks::force_actuator::ForceActuator;
 use crate::problem::blocks::joints::Joints;
 use crate::problem::blocks::passive::PassiveMoment;
 use crate::problem::blocks::reserve::Reserve;
 use crate::problem::blocks::stabilisation::Stabilisation;
-use crate::problem::{Bounded, Builder, Goal, Kind, goals};
-use crate::settings::{BoundKind, Initial, LoadSharingGrid, Scheme, Settings};
+use crate::problem::{AtStart, Bounded, Builder, Goal, Kind, Span, goals};
+use crate::settings::{BoundKind, Initial, LoadSharingGrid, MuscleDynamics, Scheme, Settings};
 use crate::transcription::scheme::{Discretisation, gauss};
 
 /// The problem of a model with these settings.
 pub fn dynamic<'m>(model: &'m Model, settings: &Settings, surroundings: &Arc<Surroundings>) -> InverseProblem<'m> {
     let mut problem = Builder::default();
-    let (motion, muscles) = declare(&mut problem, model, settings.scheme, surroundings);
+    let (motion, muscles) = declare(&mut problem, model, settings, surroundings);
     add_motion(&mut problem, model, &motion);
-    let contractions = add_muscles(&mut problem, model, &motion, &muscles, settings);
+    let forces = add_muscles(&mut problem, model, &motion, &muscles, settings);
     let actuators = add_actuators(&mut problem, model, &motion, settings);
     add_limits(&mut problem, model, &muscles, settings);
-    if settings.initial == Initial::Equilibrium {
+    if let (Some(lengths), Initial::Equilibrium) = (muscles.fibre_length, settings.initial) {
         // The fibre of a rigid tendon follows the coordinates.
         let elastic = model.muscles.iter().enumerate().filter(|(_, muscle)| !muscle.rigid_tendon);
-        elastic.for_each(|(m, _)| problem.at_rest(muscles.fibre_length, m));
+        elastic.for_each(|(member, _)| problem.at_start(AtStart::Rate { state: lengths, member, rate: 0.0 }));
     }
-    InverseProblem { model, control: problem.build(model.muscles.len()), motion, muscles, contractions, actuators }
+    let control = problem.build(muscles.fibre_force.count);
+    InverseProblem { model, control, motion, muscles, forces, actuators }
 }
 
 /// Declares the quantities, in the order of the decision vector, the variables at an instant, and the equations.
 fn declare<'m>(
     problem: &mut Builder<'m>,
     model: &Model,
-    scheme: Scheme,
+    settings: &Settings,
     surroundings: &Arc<Surroundings>,
 ) -> (MotionVariables, MuscleVariables) {
-    let first_order = scheme == Scheme::Radau;
+    let first_order = settings.scheme == Scheme::Radau;
+    let is_force = settings.muscle_dynamics == MuscleDynamics::Force;
     let (names, constraints) = (model.mechanics.coordinate_names(), model.mechanics.reaction_names());
     let (nq, nc, nm) = (names.len(), constraints.len(), model.muscles.len());
     let muscles = || model.muscles.iter().map(|muscle| muscle.name.clone()).collect::<Vec<_>>();
     let state = |order| Kind::State { order };
     let coordinate = problem.quantity("coordinate", names.clone(), state(if first_order { 1 } else { 2 }));
     let velocity = first_order.then(|| problem.quantity("velocity", names, state(1)));
-    let fibre_length = problem.quantity("fibre_length", muscles(), state(1));
-    let activation = problem.quantity("activation", muscles(), state(1));
-    let excitation = problem.quantity("excitation", muscles(), Kind::Control);
+    let fibre_length = (!is_force).then(|| problem.quantity("fibre_length", muscles(), state(1)));
+    let activation = problem.quantity("activation", muscles(), if is_force { Kind::Control } else { state(1) });
+    let excitation = (!is_force).then(|| problem.quantity("excitation", muscles(), Kind::Control));
     let reaction = problem.quantity_in("reaction", constraints.clone(), Kind::Algebraic, model.weight());
     let stabiliser = first_order.then(|| problem.quantity("stabiliser", constraints, Kind::Algebraic));
     let (bodies, forces) = (surroundings.clone(), surroundings.clone());
@@ -64,9 +72,12 @@ fn declare<'m>(
     let all = q.and(problem.read(given, 0));
     let accelerations = problem.read(velocity.unwrap_or(coordinate), if first_order { 1 } else { 2 });
     let all_accelerations = accelerations.and(problem.read(given, 2));
-    let [a, l] = [activation, fibre_length].map(|quantity| problem.read(quantity, 0));
-    let [l_rate, a_rate] = [fibre_length, activation].map(|quantity| problem.read(quantity, 1));
-    let (u, reactions) = (problem.read(excitation, 0), problem.read(reaction, 0));
+    let a = problem.read(activation, 0);
+    let l = fibre_length.map_or(Span::EMPTY, |quantity| problem.read(quantity, 0));
+    let [l_rate, a_rate] = [fibre_length, excitation.map(|_| activation)]
+        .map(|quantity| quantity.map_or(Span::EMPTY, |quantity| problem.read(quantity, 1)));
+    let u = excitation.map_or(Span::EMPTY, |quantity| problem.read(quantity, 0));
+    let reactions = problem.read(reaction, 0);
     let of_bodies = match velocity {
         Some(velocity) => Some((velocity, 0)),
         None => model.mechanics.has_velocity_terms().then_some((coordinate, 1)),
@@ -76,6 +87,7 @@ fn declare<'m>(
     let loads = problem.read(load, 0);
 
     let [equation, joints] = [("motion", nq), ("joints", nc)].map(|(name, rows)| problem.equation(name, rows, true));
+    let nm = if is_force { 0 } else { nm };
     let contraction = problem.equation("contraction", nm, true);
     let activation_dynamics = problem.equation("activation", nm, true);
     let stabilisation = stabilising.map(|(rates, multipliers)| StabilisationVariables {
@@ -88,7 +100,8 @@ fn declare<'m>(
     let motion = MotionVariables {
         coordinate,
         velocity,
-        reaction,
+        is_given: false,
+        reaction: Some(reaction),
         q,
         all,
         rates,
@@ -158,30 +171,37 @@ fn add_muscles<'m>(
     motion: &MotionVariables,
     muscles: &MuscleVariables,
     settings: &Settings,
-) -> Vec<Contraction<'m>> {
+) -> Vec<MuscleForce<'m>> {
     let (step_weight, weight) = (step_weight(settings), model.weight());
-    let mut contractions = Vec::new();
+    let mut forces = Vec::new();
     for (m, muscle) in model.muscles.iter().enumerate() {
-        let (activation, excitation) = (muscles.a.at(m), muscles.u.at(m));
+        let activation = muscles.a.at(m);
+        if settings.muscle_dynamics == MuscleDynamics::Force {
+            let strength = muscle.max_isometric_force / weight;
+            let (coordinates, motion) = (motion.all, motion.equation);
+            problem.block(ForceActuator { muscle, strength, coordinates, activation, motion, step_weight });
+            forces.push(MuscleForce::Linear(LinearForce { muscle, activation, known: None }));
+            continue;
+        }
+        let excitation = muscles.u.at(m);
         let contraction = Contraction {
             muscle,
             strength: muscle.max_isometric_force / weight,
-            coordinates: motion.all,
+            way: Way::Of { coordinates: motion.all, motion: motion.equation },
             activation,
             length: muscles.l.at(m),
             velocity: muscles.l_rate.at(m),
             excitation,
-            motion: motion.equation,
             row: muscles.contraction.at(m),
             force_row: muscles.fibre_force.at(m),
             step_weight,
         };
-        problem.block(contraction);
+        problem.block(contraction.clone());
         let (rate, row) = (muscles.a_rate.at(m), muscles.activation_dynamics.at(m));
         problem.block(Activation { muscle, activation, rate, excitation, row, step_weight });
-        contractions.push(contraction);
+        forces.push(MuscleForce::Contraction(contraction));
     }
-    contractions
+    forces
 }
 
 /// Actuators of the model, and reserves. They are one more quantity, if there are any.
@@ -191,40 +211,18 @@ fn add_actuators<'m>(
     motion: &MotionVariables,
     settings: &Settings,
 ) -> Vec<Drive<'m>> {
-    let coordinates = model.mechanics.driven_coordinates();
-    let own = model.actuators.iter().map(|a| (a.coordinate.as_str(), a.name.clone(), a.optimal_force, a.control, 1.0));
-    let free = [f64::NEG_INFINITY, f64::INFINITY];
-    let reserves = (coordinates.iter().map(|coordinate| coordinate.name))
-        // No name of the model has a point.
-        .map(|name| (name, format!("reserve.{name}"), settings.reserve(name), free, settings.reserve_weight))
-        .filter(|(_, _, moment, ..)| *moment > 0.0);
-    let all: Vec<_> = own.chain(reserves).collect();
-    if all.is_empty() {
-        return Vec::new();
-    }
-    let names = all.iter().map(|(_, name, ..)| name.clone()).collect();
-    let quantity = problem.quantity("actuator", names, Kind::Control);
-    let controls = problem.read(quantity, 0);
-    let weight = model.weight();
-    let mut drives = Vec::new();
-    for (member, (coordinate, name, moment, bounds, cost)) in all.into_iter().enumerate() {
-        let number = coordinates.iter().position(|known| known.name == coordinate).expect("checked with the model");
-        let coordinate = coordinates[number];
-        let control = controls.at(member);
+    let all = actuators::actuation(model, settings);
+    let declared = actuators::declare(problem, &all);
+    let drives = actuators::drives(all, declared);
+    for Drive { own, control, .. } in &drives {
         problem.block(Reserve {
-            coordinate,
-            strength: moment / weight,
+            coordinate: own.coordinate,
+            strength: own.moment / model.weight(),
             coordinates: motion.all,
-            control,
+            control: *control,
             motion: motion.equation,
             step_weight: step_weight(settings),
         });
-        let limits = [("control", Bounded::Below(control)), ("control_upper", Bounded::Above(control))];
-        for ((limit, bounded), bound) in limits.into_iter().zip(bounds).filter(|(_, bound)| bound.is_finite()) {
-            problem.limit(limit, &name, bounded, bound);
-        }
-        let is_reserve = member >= model.actuators.len();
-        drives.push(Drive { name, is_reserve, coordinate, number, moment, bounds, weight: cost, quantity, control });
     }
     drives
 }
@@ -235,11 +233,17 @@ fn step_weight(settings: &Settings) -> f64 {
 }
 
 fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariables, settings: &Settings) {
+    let least = settings.min_activation;
     for kind in settings.bounds.kinds() {
-        for (m, muscle) in model.muscles.iter().enumerate() {
+        let is_there = match kind {
+            BoundKind::Activation | BoundKind::ActivationUpper => true,
+            BoundKind::Excitation | BoundKind::ExcitationUpper => muscles.u.count > 0,
+            BoundKind::Force => muscles.fibre_force.count > 0,
+        };
+        for (m, muscle) in model.muscles.iter().enumerate().filter(|_| is_there) {
             let (bounded, bound) = match kind {
-                BoundKind::Activation => (Bounded::Below(muscles.a.at(m)), 0.0),
-                BoundKind::Excitation => (Bounded::Below(muscles.u.at(m)), 0.0),
+                BoundKind::Activation => (Bounded::Below(muscles.a.at(m)), least),
+                BoundKind::Excitation => (Bounded::Below(muscles.u.at(m)), least),
                 BoundKind::ActivationUpper => (Bounded::Above(muscles.a.at(m)), 1.0),
                 BoundKind::ExcitationUpper => (Bounded::Above(muscles.u.at(m)), 1.0),
                 // No tendon pushes (eq. 11).
@@ -293,14 +297,16 @@ pub fn goals(
     if settings.mu > 0.0 {
         let instants = effort_instants(scheme, measurement, settings);
         let (activation, muscles) = (inverse.muscles.activation, model.muscles.len());
-        all.push(goals::effort(activation, muscles, &instants, settings.mu, settings.effort_power));
-        if settings.excitation_weight > 0.0 {
+        let weights = settings.effort_weights(model);
+        all.push(goals::effort(activation, &weights, &instants, settings.mu, settings.effort_power));
+        if let Some(excitation) = inverse.muscles.excitation.filter(|_| settings.excitation_weight > 0.0) {
             let weights = vec![settings.mu * settings.excitation_weight.sqrt(); muscles];
             let own = excitation_instants(scheme, &instants, settings);
-            all.push(goals::control_use("excitation", inverse.muscles.excitation, &weights, &own));
+            all.push(goals::control_use("excitation", excitation, &weights, &own));
         }
         if let Some(drive) = inverse.actuators.first() {
-            let weights: Vec<f64> = inverse.actuators.iter().map(|drive| settings.mu * drive.weight.sqrt()).collect();
+            let weights: Vec<f64> =
+                inverse.actuators.iter().map(|drive| settings.mu * drive.own.weight.sqrt()).collect();
             all.push(goals::control_use("reserve_use", drive.quantity, &weights, &instants));
         }
     }

@@ -1,12 +1,21 @@
 //! Inverse methods: which quantities, blocks, limits and goals make up the problem of a study.
 
+pub mod actuators;
 pub mod dynamic;
+pub mod given_motion;
 pub mod inverse_dynamics;
+pub mod known;
+pub mod muscle_force;
 pub mod prediction;
+pub mod prescribed;
+pub mod static_optimisation;
 
-use crate::model::{DrivenCoordinate, Model};
+use actuators::Actuation;
+use muscle_force::MuscleForce;
+
+use crate::model::Model;
+use crate::model::mechanics::Motion;
 use crate::nlp::polish::ACTIVE;
-use crate::problem::blocks::contraction::Contraction;
 use crate::problem::{ControlProblem, QuantityId, Span};
 use crate::transcription::collocation::Collocation;
 use crate::transcription::scheme::{Combination, Discretisation};
@@ -17,26 +26,15 @@ pub struct InverseProblem<'m> {
     pub control: ControlProblem<'m>,
     pub motion: MotionVariables,
     pub muscles: MuscleVariables,
-    /// Eq. (3) of each muscle.
-    pub contractions: Vec<Contraction<'m>>,
+    /// Of each muscle.
+    pub forces: Vec<MuscleForce<'m>>,
     pub actuators: Vec<Drive<'m>>,
 }
 
 /// A reserve, or an actuator of the model, at a joint coordinate.
 #[derive(Clone, Debug)]
 pub struct Drive<'m> {
-    /// Of a reserve `reserve.` and that of its coordinate.
-    pub name: String,
-    pub is_reserve: bool,
-    /// The joint coordinate that it drives, and its number among all that may be driven.
-    pub coordinate: DrivenCoordinate<'m>,
-    pub number: usize,
-    /// Moment (N m) or force (N) at a control of 1.
-    pub moment: f64,
-    /// Bounds on its control.
-    pub bounds: [f64; 2],
-    /// Weight of its squared control relative to squared activations.
-    pub weight: f64,
+    pub own: Actuation<'m>,
     pub quantity: QuantityId,
     /// Its control among the variables.
     pub control: usize,
@@ -48,7 +46,10 @@ pub struct MotionVariables {
     pub coordinate: QuantityId,
     /// A velocity of its own, in the first-order form.
     pub velocity: Option<QuantityId>,
-    pub reaction: QuantityId,
+    /// Whether all of it is known beforehand.
+    pub is_given: bool,
+    /// `None` where reactions are eliminated.
+    pub reaction: Option<QuantityId>,
     /// q that moves by forces, and all of it, given coordinates last.
     pub q: Span,
     pub all: Span,
@@ -76,12 +77,13 @@ pub struct StabilisationVariables {
     pub joint_velocities: Span,
 }
 
-/// The muscles: quantities, variables at an instant, equations; a member each muscle.
+/// The muscles: quantities, variables at an instant, equations; a member each muscle. Spans of what a method does not have are
+/// empty.
 #[derive(Clone, Copy, Debug)]
 pub struct MuscleVariables {
     pub activation: QuantityId,
-    pub fibre_length: QuantityId,
-    pub excitation: QuantityId,
+    pub fibre_length: Option<QuantityId>,
+    pub excitation: Option<QuantityId>,
     pub a: Span,
     pub l: Span,
     /// l̇, ȧ
@@ -92,6 +94,25 @@ pub struct MuscleVariables {
     pub contraction: Span,
     pub activation_dynamics: Span,
     pub fibre_force: Span,
+}
+
+impl MuscleVariables {
+    /// Muscles whose activation is all there is of them.
+    pub fn of_activations(activation: QuantityId, a: Span) -> Self {
+        Self {
+            activation,
+            fibre_length: None,
+            excitation: None,
+            a,
+            l: Span::EMPTY,
+            l_rate: Span::EMPTY,
+            a_rate: Span::EMPTY,
+            u: Span::EMPTY,
+            contraction: Span::EMPTY,
+            activation_dynamics: Span::EMPTY,
+            fibre_force: Span::EMPTY,
+        }
+    }
 }
 
 impl InverseProblem<'_> {
@@ -116,10 +137,45 @@ impl InverseProblem<'_> {
         scheme.at(t, self.muscles.activation, muscle, 0)
     }
 
+    /// What eq. (1) leaves to joint reactions at an instant, by coordinate: inertial forces less loads, passive moments, muscles
+    /// and actuators, N or N m.
+    pub fn generalised_forces(&self, z: &[f64]) -> Vec<f64> {
+        let (motion, mechanics) = (&self.motion, self.model.mechanics.as_ref());
+        let q = motion.all.of(z);
+        let velocity = motion.rates.map_or(&[][..], |span| span.of(z));
+        let (loads, _) = motion.loads.of(z).as_chunks::<3>();
+        let mut forces = vec![0.0; motion.q.count];
+        let moves = Motion { q, velocity, acceleration: motion.all_accelerations.of(z) };
+        mechanics.force(moves, loads, &mut forces);
+        for (number, element) in self.model.spatial().iter().flat_map(|spatial| spatial.passive()) {
+            forces[number] -= element.at(q[number], velocity[number]).value;
+        }
+        for force in &self.forces {
+            let muscle = force.muscle();
+            let mut path = muscle.path.buffer();
+            muscle.path.length(q, false, &mut path);
+            let tension = muscle.max_isometric_force * force.value(z);
+            let slots = muscle.path.slots().iter().zip(&path.gradient);
+            slots.for_each(|(&slot, gradient)| forces[slot] += tension * gradient);
+        }
+        for Drive { own, control, .. } in &self.actuators {
+            let slopes = own.coordinate.slopes(q);
+            let slots = slopes.slots.into_iter().zip(slopes.gradient);
+            slots.for_each(|(slot, gradient)| forces[slot] -= own.moment * z[*control] * gradient);
+        }
+        forces
+    }
+
+    /// The points at which activations have values.
+    pub fn points_with_activations(&self, problem: &Collocation<'_>) -> Vec<usize> {
+        let is_state = self.control.quantity(self.muscles.activation).kind.is_state();
+        (0..problem.points.len()).filter(|&j| is_state || problem.points[j].complete).collect()
+    }
+
     /// Whether each muscle is idle: |a| ≤ 1e-8 at every collocation point.
     pub fn idle(&self, problem: &Collocation<'_>, x: &[f64]) -> Vec<bool> {
         let mut idle = vec![true; self.muscles.a.count];
-        for point in 0..problem.points.len() {
+        for point in self.points_with_activations(problem) {
             let z = problem.local(point, x);
             idle.iter_mut().zip(self.muscles.a.of(&z)).for_each(|(idle, a)| *idle &= a.abs() <= ACTIVE);
         }
@@ -128,6 +184,6 @@ impl InverseProblem<'_> {
 
     /// f_m of a muscle.
     pub fn fibre_force(&self, z: &[f64], muscle: usize) -> f64 {
-        self.contractions[muscle].fibre_force(z).value
+        self.forces[muscle].value(z)
     }
 }

@@ -18,6 +18,9 @@
 //! - Per muscle, those bounds' rows − their rank. An idle muscle gives p − 1 at midpoint, s (p − 1) with radau.
 //! - + the dependent joint constraints at every point: of Φ, and in the stabilised form of Φ and Φ_q v together.
 //!
+//! Of muscles that make any force (`muscle_dynamics = "force"`) the activations are controls: they have no initial values, and
+//! no fibres.
+//!
 //! With μ = 0 and no bound active, [Aᵀ Jᵀ] has `2 nm − (linear rows on l) + P (nm + nr + nc − nq)` + the dependent joint constraints, nr actuators, P the number
 //! of complete points, and with radau `nq − nc` more: the velocity at t_1 is not tracked and acts on the first forces only. With active
 //! bounds no count is given.
@@ -26,12 +29,13 @@ use faer::Mat;
 
 use super::InverseProblem;
 use super::dynamic::effort_instants;
+use super::muscle_force::MuscleForce;
 use crate::motion::Measurement;
 use crate::numerics::rank;
 use crate::problem::Bounded;
-use crate::settings::Settings;
+use crate::settings::{EffortOf, Initial, Settings};
 use crate::transcription::collocation::Collocation;
-use crate::transcription::scheme::{Combination, Discretisation};
+use crate::transcription::scheme::{Combination, Discretisation, quadrature};
 
 /// Predicted row deficiencies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +53,8 @@ pub struct Setting {
     pub has_excitations: bool,
     /// Whether the measured instants fix every motion of the scheme.
     pub motion_is_fixed: bool,
+    /// Whether each activation starts where its excitation holds it; nothing is predicted then.
+    pub is_steady: bool,
 }
 
 impl Setting {
@@ -58,13 +64,20 @@ impl Setting {
         measurement: &Measurement,
         settings: &Settings,
     ) -> Self {
-        let instants = effort_instants(scheme, measurement, settings);
+        let is_given = inverse.motion.is_given;
+        let of_excitations = is_given && settings.effort_of == EffortOf::Excitation;
+        let instants = match (is_given, of_excitations) {
+            (true, true) => Vec::new(),
+            (true, false) => quadrature(scheme),
+            _ => effort_instants(scheme, measurement, settings),
+        };
         let rows = |m| instants.iter().map(|&(t, _)| inverse.activation_at(scheme, t, m)).collect();
-        let muscles = if settings.mu > 0.0 { inverse.muscles.a.count } else { 0 };
+        let muscles = if settings.mu > 0.0 || is_given { inverse.muscles.a.count } else { 0 };
         Self {
             sharing: (0..muscles).map(rows).collect(),
-            has_excitations: settings.excitation_weight > 0.0,
-            motion_is_fixed: settings.measured_per_interval() >= settings.points_per_interval(),
+            has_excitations: settings.excitation_weight > 0.0 || of_excitations,
+            motion_is_fixed: is_given || settings.measured_per_interval() >= settings.points_per_interval(),
+            is_steady: is_given && settings.initial == Initial::Steady,
         }
     }
 }
@@ -92,6 +105,9 @@ pub fn predict(
     active: &[usize],
     setting: &Setting,
 ) -> Prediction {
+    if setting.is_steady {
+        return Prediction { a: None, aj: None };
+    }
     let model = inverse.model;
     let locals: Vec<Vec<f64>> = (0..problem.points.len()).map(|j| problem.local(j, x)).collect();
     let joints = dependent_joint_constraints(inverse, problem, &locals);
@@ -101,7 +117,7 @@ pub fn predict(
         a += rows.len() - rank_of(&rows).0;
         if let Some(sharing) = setting.sharing.get(m) {
             rows.extend(sharing.iter().cloned());
-            if setting.has_excitations {
+            if setting.has_excitations && inverse.muscles.u.count > 0 {
                 let complete = (0..locals.len()).filter(|&j| problem.points[j].complete);
                 rows.extend(complete.map(|j| excitation_row(inverse, problem, &locals[j], j, m)));
             }
@@ -130,7 +146,8 @@ pub fn predict(
             None => 0,
             Some(_) => model.mechanics.coordinates() - (model.mechanics.constraints() - joints.missing_at_start),
         };
-        Some(2 * muscles - linear + complete * spare + start + joints.free_reactions)
+        let initial = if inverse.muscles.l.count > 0 { 2 * muscles } else { 0 };
+        Some(initial - linear + complete * spare + start + joints.free_reactions)
     } else {
         None
     };
@@ -146,14 +163,14 @@ fn active_rows(
     m: usize,
 ) -> Vec<Combination> {
     let muscles = &inverse.muscles;
-    let (a, u) = (muscles.a.at(m), muscles.u.at(m));
+    let (a, u) = (muscles.a.at(m), muscles.u.get(m));
     let mut rows = Vec::new();
     for bound in active.iter().map(|&row| &problem.bounds[row]) {
         let (Bounded::Below(variable) | Bounded::Above(variable)) = problem.limit(bound).bounded else { continue };
         let map = &problem.points[bound.point].map.combinations;
         if variable == a {
             rows.push(map[a].clone());
-        } else if variable == u {
+        } else if Some(variable) == u {
             rows.push(excitation_row(inverse, problem, &locals[bound.point], bound.point, m));
         }
     }
@@ -185,12 +202,13 @@ fn fibre_rows(
     m: usize,
 ) -> Vec<Combination> {
     let (muscles, muscle) = (&inverse.muscles, &inverse.model.muscles[m]);
+    let MuscleForce::Contraction(contraction) = &inverse.forces[m] else { return Vec::new() };
     // Put to exactly 0 before ranks are taken.
     let idle_throughout = locals.iter().all(|z| z[muscles.a.at(m)].abs() <= crate::nlp::polish::ACTIVE);
     let mut rows: Vec<Combination> = Vec::new();
     for (point, z) in problem.points.iter().zip(locals) {
         // Without activation, or a fibre too short or too long for active force, velocity does not matter.
-        let idle = idle_throughout || inverse.contractions[m].fibre_force(z).gradient[2] == 0.0;
+        let idle = idle_throughout || contraction.fibre_force(z).gradient[2] == 0.0;
         let keep = |variable: usize, kept: bool| -> Combination {
             let row = point.map.combinations[variable].iter();
             row.map(|&(column, weight)| (column, if kept { weight } else { 0.0 })).collect()
@@ -205,7 +223,7 @@ fn fibre_rows(
 /// The linear rows that tie a muscle's fibre length at the start: those of `initial = "equilibrium"`. The rows that name initial
 /// values tie nothing: each has an unknown of its own.
 fn linear_rows_on_length(inverse: &InverseProblem<'_>, problem: &Collocation<'_>, muscle: usize) -> Vec<Combination> {
-    let at = inverse.muscles.l.at(muscle);
+    let Some(at) = inverse.muscles.l.get(muscle) else { return Vec::new() };
     let maps = problem.points.iter().map(|point| &point.map.combinations[at]);
     let mut columns: Vec<usize> = maps.flat_map(|row| row.iter().map(|&(column, _)| column)).collect();
     columns.sort_unstable();

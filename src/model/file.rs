@@ -405,6 +405,7 @@ impl ModelFile {
             max_shortening_velocity: m.max_shortening_velocity,
             force_velocity,
             rigid_tendon: false,
+            has_passive_force: true,
             path: Path::Straight(path),
         })
     }

@@ -55,6 +55,7 @@ impl Model {
                 max_shortening_velocity: muscle.max_shortening_velocity,
                 force_velocity: muscle.force_velocity,
                 rigid_tendon: muscle.rigid_tendon,
+                has_passive_force: true,
                 path,
             })
             .collect();

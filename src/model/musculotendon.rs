@@ -2,7 +2,7 @@
 //! at a constant pennation angle (thesis, Paper B eqs 3, 4, 6, 7 and Figure 1).
 
 use super::path::Path;
-use crate::curves::{ForceVelocity, active_force_length, passive_force_length, tendon_force, tendon_strain};
+use crate::curves::{ForceVelocity, Jet, active_force_length, passive_force_length, tendon_force, tendon_strain};
 
 #[derive(Clone, Debug)]
 pub struct Musculotendon {
@@ -24,6 +24,8 @@ pub struct Musculotendon {
     pub force_velocity: ForceVelocity,
     /// The tendon does not stretch: its length is L_s, whatever the force.
     pub rigid_tendon: bool,
+    /// A stretched fibre has a passive force.
+    pub has_passive_force: bool,
     pub path: Path,
 }
 
@@ -63,7 +65,7 @@ impl Musculotendon {
     /// `length` is in optimal fibre lengths, `velocity` in those a second, negative when shortening.
     pub fn fibre_force(&self, activation: f64, length: f64, velocity: f64) -> FibreForce {
         let cos = self.pennation_angle.cos();
-        let passive = passive_force_length(length);
+        let passive = self.passive_curve(length);
         let l = active_force_length(length);
         let rate = 1.0 / self.max_shortening_velocity;
         let v = self.force_velocity.at(velocity * rate);
@@ -83,9 +85,15 @@ impl Musculotendon {
         }
     }
 
+    /// The passive force–length relation, zero where there is no passive force.
+    pub fn passive_curve(&self, length: f64) -> Jet {
+        let nothing = Jet { value: 0.0, first: 0.0, second: 0.0 };
+        if self.has_passive_force { passive_force_length(length) } else { nothing }
+    }
+
     /// The passive part of the force at a fibre length (optimal fibre lengths), along the tendon, N.
     pub fn passive_force(&self, length: f64) -> f64 {
-        self.max_isometric_force * self.pennation_angle.cos() * passive_force_length(length).value
+        self.max_isometric_force * self.pennation_angle.cos() * self.passive_curve(length).value
     }
 
     /// Eq. (3) as it is solved, and its slopes by the path's length and by f_m: `l_t − f_t⁻¹(f_m)`; of a rigid tendon
@@ -123,6 +131,32 @@ impl Musculotendon {
     /// `L_o cos θ`, m
     pub fn fibre_along_tendon(&self) -> f64 {
         self.optimal_fibre_length * self.pennation_angle.cos()
+    }
+
+    /// (f_t0, f_t1), eqs (21), (22): normalised tendon forces at zero and at full activation where path and fibre change at the
+    /// same rate. `path_length` in m, `rate` in m/s.
+    pub fn force_range(&self, path_length: f64, rate: f64) -> [f64; 2] {
+        let v = rate / self.fibre_along_tendon();
+        [0.0, 1.0].map(|a| {
+            if self.rigid_tendon {
+                return self.fibre_force(a, self.fibre_length(path_length, 0.0), v).value;
+            }
+            // The strain of the tendon decreases with l: bisect between zero and the length of the whole path.
+            let (mut low, mut high) = (0.0, path_length / self.fibre_along_tendon());
+            for _ in 0..60 {
+                let l = 0.5 * (low + high);
+                let force = self.fibre_force(a, l, v).value;
+                if self.tendon_strain(path_length, l) > tendon_strain(force).value { low = l } else { high = l }
+            }
+            self.fibre_force(a, 0.5 * (low + high), v).value
+        })
+    }
+
+    /// The length of the fibre (optimal fibre lengths) on a path of `path_length` metres whose tendon carries a normalised
+    /// force.
+    pub fn fibre_length(&self, path_length: f64, force: f64) -> f64 {
+        let strain = if self.rigid_tendon { 0.0 } else { tendon_strain(force).value };
+        (path_length - self.tendon_slack_length * (1.0 + strain)) / self.fibre_along_tendon()
     }
 
     /// `ȧ − (u − a)(u/τ_act + (1 − u)/τ_deact)` (eq. 4), 1/s.
@@ -168,6 +202,7 @@ pub(crate) mod tests {
             max_shortening_velocity: 2.0,
             force_velocity: ForceVelocity::default(),
             rigid_tendon: false,
+            has_passive_force: true,
             path: Path::Straight(crate::model::path::StraightPath::new(vec![])),
         }
     }

@@ -50,6 +50,9 @@ pub struct Measurement {
 const MAX_ANGLE_CHANGE: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const MAX_DISPLACEMENT_CHANGE: f64 = 5e-3;
 
+/// Instants beyond both ends of the motion through which splines go, if there are any: what is farther does not matter.
+const MARGIN: usize = 20;
+
 /// Why there is no measurement.
 #[derive(Debug)]
 pub enum MeasurementError {
@@ -141,7 +144,8 @@ impl MotionSettings {
         let mut coordinates = match model.spatial() {
             None => {
                 let planar = model.planar().expect("a model is planar or spatial");
-                self.assembled(table, planar, step, &times, deadline)?
+                let at: Vec<f64> = (0..count).map(|i| table.start() + i as f64 * step).collect();
+                self.assembled(table, planar, &at, deadline)?
             }
             Some(spatial) => {
                 let motion = self.joint_motion(table, spatial);
@@ -164,26 +168,60 @@ impl MotionSettings {
         Ok(Measurement { times, coordinates, clock: table.start() })
     }
 
-    /// Body coordinates of a planar model with its joints closed, one row per instant. `step`: interval in the time of
-    /// the table, s.
+    /// The coordinates that move by forces over time since the start of the motion, s.
+    ///
+    /// # Errors
+    /// As for [`MotionSettings::measure`].
+    pub fn followed(
+        &self,
+        table: &MotionTable,
+        model: &Model,
+        deadline: Deadline,
+    ) -> Result<Vec<CubicSpline>, MeasurementError> {
+        let [first, last] = [table.start(), table.start() + table.duration()];
+        let from = table.time.partition_point(|&t| t < first).saturating_sub(MARGIN);
+        let to = (table.time.partition_point(|&t| t <= last) + MARGIN).min(table.time.len());
+        let at = &table.time[from..to];
+        let times = || at.iter().map(|t| (t - table.start()) * self.time_scale);
+        let coordinates = match model.spatial() {
+            None => self.assembled(table, model.planar().expect("a model is planar or spatial"), at, deadline)?,
+            Some(spatial) => {
+                let motion = self.joint_motion(table, spatial);
+                let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(at.len());
+                for t in times() {
+                    if deadline.passed() {
+                        return Err(MeasurementError::DeadlinePassed);
+                    }
+                    coordinates.push(motion.measured(t, coordinates.last().map(Vec::as_slice)));
+                }
+                coordinates
+            }
+        };
+        let spline = |i: usize| {
+            let points: Vec<(f64, f64)> = times().zip(coordinates.iter().map(|q| q[i])).collect();
+            CubicSpline::new(&points, Ends::Natural)
+        };
+        Ok((0..model.mechanics.coordinates()).map(spline).collect())
+    }
+
+    /// Body coordinates of a planar model with its joints closed, one row per instant. `at`: times of the table, s.
     fn assembled(
         &self,
         table: &MotionTable,
         planar: &Planar,
-        step: f64,
-        times: &[f64],
+        at: &[f64],
         deadline: Deadline,
     ) -> Result<Vec<Vec<f64>>, MeasurementError> {
         let columns: Vec<(Option<CubicSpline>, (f64, f64))> = planar
             .coordinates_of_joints()
             .map(|(_, name)| (table.column(name).map(|values| self.spline(table, values)), self.change(name)))
             .collect();
-        let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(times.len());
-        for (i, &t) in times.iter().enumerate() {
+        let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(at.len());
+        for &at in at {
             if deadline.passed() {
                 return Err(MeasurementError::DeadlinePassed);
             }
-            let at = table.start() + i as f64 * step;
+            let t = (at - table.start()) * self.time_scale;
             let given: Vec<Option<f64>> = columns
                 .iter()
                 .map(|(spline, (offset, scale))| {

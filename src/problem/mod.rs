@@ -64,6 +64,15 @@ pub struct Limit {
     pub bound: f64,
 }
 
+/// A condition at the start of the motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AtStart {
+    /// A function has this rate, 1/s.
+    Rate { state: QuantityId, member: usize, rate: f64 },
+    /// A state is where its control holds it: both are equal.
+    Steady { state: QuantityId, control: QuantityId, member: usize },
+}
+
 /// An optimal-control problem without its goals.
 #[derive(Default)]
 pub struct ControlProblem<'m> {
@@ -73,8 +82,8 @@ pub struct ControlProblem<'m> {
     /// Functions that limits bound; their rows come after those of the equations.
     pub functions: usize,
     pub limits: Vec<Limit>,
-    /// Functions whose rate is 0 at the start of the motion.
-    pub at_rest: Vec<(QuantityId, usize)>,
+    /// Conditions at the start of the motion.
+    pub starts: Vec<AtStart>,
     given: Vec<(QuantityId, GivenFunction<'m>)>,
     blocks: Vec<Box<dyn Block + 'm>>,
     slopes: Pattern,
@@ -138,8 +147,8 @@ impl<'m> Builder<'m> {
         self.0.limits.push(Limit { name, member: member.to_owned(), bounded, bound });
     }
 
-    pub fn at_rest(&mut self, quantity: QuantityId, member: usize) {
-        self.0.at_rest.push((quantity, member));
+    pub fn at_start(&mut self, condition: AtStart) {
+        self.0.starts.push(condition);
     }
 
     /// The problem; the last `functions` rows are functions for limits and not equations.

@@ -51,6 +51,13 @@ pub struct Span {
 }
 
 impl Span {
+    pub const EMPTY: Self = Self { start: 0, count: 0 };
+
+    /// The place of member `i`, if there is one.
+    pub fn get(self, i: usize) -> Option<usize> {
+        (i < self.count).then_some(self.start + i)
+    }
+
     /// The place of member `i`.
     pub fn at(self, i: usize) -> usize {
         debug_assert!(i < self.count);

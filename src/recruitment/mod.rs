@@ -25,6 +25,7 @@ mod missing;
 mod ranges;
 
 pub use missing::missing;
+pub use ranges::Ranges;
 
 use crate::deadline::Deadline;
 use crate::nlp::subproblem::qp::QpFailure;

@@ -35,10 +35,71 @@ choices! {
 }
 
 choices! {
+    /// How muscle loads are found.
+    Method {
+        /// the motion and the muscles over time together: the motion tracks the measured one (thesis, Paper B)
+        Dynamic = "dynamic",
+        /// at each instant alone, the motion is given (eq. 1.6; static optimisation)
+        Static = "static",
+        /// the muscles over time, the motion is given (physiological inverse approach)
+        Prescribed = "prescribed",
+    }
+}
+
+choices! {
+    /// What a muscle is.
+    MuscleDynamics {
+        /// fibre and elastic tendon with activation dynamics, eqs (3)–(11); with `static` in equilibrium with its tendon,
+        /// eqs (18)–(22)
+        Full = "full",
+        /// the tendon keeps its length; with `static` without activation dynamics
+        RigidTendon = "rigid_tendon",
+        /// any force from 0 to the maximum isometric force at any time, eq. (1.3)
+        Force = "force",
+    }
+}
+
+choices! {
+    /// What the muscles' load sharing minimises; the maximum only with `static`.
+    Criterion {
+        /// Σ w e^p, p = `effort_power`
+        Polynomial = "polynomial",
+        /// the largest effort, then the largest of the others, and so on
+        MinMax = "min_max",
+    }
+}
+
+choices! {
+    /// The effort e of a muscle (`static`, `prescribed`).
+    EffortOf {
+        /// its activation, of a `force` muscle its force over the maximum isometric force
+        Activation = "activation",
+        /// its force over that at full activation (`static`)
+        Force = "force",
+        /// its excitation (`prescribed`)
+        Excitation = "excitation",
+    }
+}
+
+choices! {
+    /// The weight w of a muscle's effort, relative to the mean of all muscles.
+    EffortWeight {
+        /// all alike
+        None = "none",
+        /// maximum isometric force times optimal fibre length, as its volume goes
+        Volume = "volume",
+        /// the maximum isometric force
+        MaxForce = "max_force",
+    }
+}
+
+choices! {
     /// Initial fibre lengths (radau).
     Initial {
-        /// the fibres are at rest initially: l̇_m = 0
+        /// the fibres are at rest initially: l̇_m = 0; where the motion is given, their tendons
         Equilibrium = "equilibrium",
+        /// the same, and a = u (`prescribed`)
+        Steady = "steady",
         /// the initial lengths are unknowns; ill-posed, because they affect only the first step
         Free = "free",
     }
@@ -97,6 +158,18 @@ choices! {
         Off = "off",
     }
 }
+
+macro_rules! defaults {
+    ($($name:ident::$variant:ident),+ $(,)?) => {
+        $(impl Default for $name {
+            fn default() -> Self {
+                Self::$variant
+            }
+        })+
+    };
+}
+
+defaults!(Method::Dynamic, MuscleDynamics::Full, Criterion::Polynomial, EffortOf::Activation, EffortWeight::None,);
 
 /// An inequality on each muscle; all are `≥ 0`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

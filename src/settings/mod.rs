@@ -4,28 +4,56 @@ mod choices;
 mod limits;
 mod value;
 
-pub use choices::{BoundKind, Bounds, Initial, LoadSharingGrid, RegularityMode, Scheme, WarmStart};
+pub use choices::{
+    BoundKind, Bounds, Criterion, EffortOf, EffortWeight, Initial, LoadSharingGrid, Method, MuscleDynamics,
+    RegularityMode, Scheme, WarmStart,
+};
 pub use limits::Limits;
 pub use value::{InvalidValue, Value, describe};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use value::{choice, integer, number};
+use value::{choice, flag, integer, number};
 
 use crate::error::nearest;
+use crate::model::Model;
+use crate::model::musculotendon::Musculotendon;
 use crate::motion::MotionSettings;
 
 /// All settings of a job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Settings {
+    #[serde(skip_serializing_if = "is_default")]
+    pub method: Method,
+    #[serde(skip_serializing_if = "is_default")]
+    pub muscle_dynamics: MuscleDynamics,
+    #[serde(skip_serializing_if = "is_default")]
+    pub criterion: Criterion,
+    #[serde(skip_serializing_if = "is_default")]
+    pub effort_of: EffortOf,
+    #[serde(skip_serializing_if = "is_default")]
+    pub effort_weight: EffortWeight,
+    /// Whether stretched fibres have a passive force.
+    #[serde(skip_serializing_if = "is_true")]
+    pub passive_forces: bool,
+    /// Lower bound of activations and, if they are bounded, of excitations.
+    #[schemars(range(min = 0.0, max = 0.5))]
+    #[serde(skip_serializing_if = "is_zero")]
+    pub min_activation: f64,
+    /// ε of the near-optimal ranges (`static`): how far each muscle's mean force could be otherwise while the cost is higher by no more
+    /// than ε times the muscles' part of it; 0 for none. Takes two programmes a muscle and instant.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    #[serde(skip_serializing_if = "is_zero")]
+    pub near_optimal: f64,
     /// Load-sharing parameter μ: the objective has the term μ²/2 ‖a‖², eq. (26).
     #[schemars(range(min = 0.0, max = 1e6))]
     pub mu: f64,
-    /// Power p of activations in the load-sharing term. 2 is the thesis' sum over the instants of the load-sharing grid; other
-    /// powers, above 2, are an integral, μ²/2 ∫ Σ a^p dt, and need the bound a ≥ 0.
-    #[schemars(range(min = 2.0, max = 5.0))]
+    /// Power p of the effort. With `dynamic`, of activations in the load-sharing term: 2 is the thesis' sum over the instants of the
+    /// load-sharing grid; other powers, above 2, are an integral, μ²/2 ∫ Σ a^p dt, and need the bound a ≥ 0. With `static`, of
+    /// ∫ Σ w e^p dt; 1 too, which leaves the answer open.
+    #[schemars(range(min = 1.0, max = 10.0))]
     #[serde(skip_serializing_if = "is_two")]
     pub effort_power: f64,
     /// Length of a mesh interval, s. It must divide the duration of the motion.
@@ -113,6 +141,14 @@ fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 
+fn is_true(value: &bool) -> bool {
+    *value
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 fn is_two(value: &f64) -> bool {
     *value == 2.0
 }
@@ -132,6 +168,14 @@ fn is_default_memory(limit: &f64) -> bool {
 impl Default for Settings {
     fn default() -> Self {
         Self {
+            method: Method::default(),
+            muscle_dynamics: MuscleDynamics::default(),
+            criterion: Criterion::default(),
+            effort_of: EffortOf::default(),
+            effort_weight: EffortWeight::default(),
+            passive_forces: true,
+            min_activation: 0.0,
+            near_optimal: 0.0,
             mu: 0.2,
             effort_power: 2.0,
             h: 0.1,
@@ -173,6 +217,14 @@ const MOTION_ENDINGS: [&str; 4] = ["_offset_deg", "_offset_rad", "_offset_m", "_
 
 /// The names of plain settings, for messages.
 pub const NAMES: &[&str] = &[
+    "method",
+    "muscle_dynamics",
+    "criterion",
+    "effort_of",
+    "effort_weight",
+    "passive_forces",
+    "min_activation",
+    "near_optimal",
     "mu",
     "effort_power",
     "h",
@@ -208,7 +260,23 @@ impl Settings {
     pub fn set(&mut self, name: &str, value: &Value, coordinates: &[(String, bool)]) -> Result<(), InvalidValue> {
         match name {
             "mu" => self.mu = number(value, 0.0..=1e6, "a number from 0 to 1e6; the thesis uses 0.2")?,
-            "effort_power" => self.effort_power = number(value, 2.0..=5.0, "a power from 2 to 5; the thesis uses 2")?,
+            "effort_power" => {
+                self.effort_power = number(value, 1.0..=10.0, "1, or a power from 2 to 10; the thesis uses 2")?;
+            }
+            "method" => self.method = choice(value, Method::ALL, Method::parse)?,
+            "muscle_dynamics" => {
+                self.muscle_dynamics = choice(value, MuscleDynamics::ALL, MuscleDynamics::parse)?;
+            }
+            "criterion" => self.criterion = choice(value, Criterion::ALL, Criterion::parse)?,
+            "effort_of" => self.effort_of = choice(value, EffortOf::ALL, EffortOf::parse)?,
+            "effort_weight" => self.effort_weight = choice(value, EffortWeight::ALL, EffortWeight::parse)?,
+            "passive_forces" => self.passive_forces = flag(value)?,
+            "min_activation" => {
+                self.min_activation = number(value, 0.0..=0.5, "an activation from 0 to 0.5, such as 0.01")?;
+            }
+            "near_optimal" => {
+                self.near_optimal = number(value, 0.0..=10.0, "a share of the effort, such as 0.05; 0 for none")?;
+            }
             "h" => {
                 self.h = number(value, 1e-6..=1e6, "a positive time in seconds, such as 0.1")?;
                 self.intervals = None;
@@ -237,17 +305,7 @@ impl Settings {
             "warm_start" => self.warm_start = choice(value, WarmStart::ALL, WarmStart::parse)?,
             "seed" => self.seed = integer(value, 0..=i64::MAX)? as u64,
             "regularity" => self.regularity = choice(value, RegularityMode::ALL, RegularityMode::parse)?,
-            "trajectories" => {
-                self.trajectories = match value {
-                    Value::Flag(flag) => *flag,
-                    other => {
-                        return Err(InvalidValue::new(
-                            format!("found {}", describe(other)),
-                            "it must be true or false",
-                        ));
-                    }
-                };
-            }
+            "trajectories" => self.trajectories = flag(value)?,
             "max_iterations" => self.max_iterations = integer(value, 0..=1_000_000)? as usize,
             "time_limit_s" => {
                 self.time_limit_s = Some(number(value, 0.0..=1e9, "a time in seconds; omit the key for no limit")?);
@@ -289,6 +347,18 @@ impl Settings {
         at(&self.tracking_weights, coordinate).unwrap_or(1.0)
     }
 
+    /// The weight of a muscle's effort relative to the mean of all.
+    pub fn effort_weights(&self, model: &Model) -> Vec<f64> {
+        let of = |muscle: &Musculotendon| match self.effort_weight {
+            EffortWeight::None => 1.0,
+            EffortWeight::Volume => muscle.max_isometric_force * muscle.optimal_fibre_length,
+            EffortWeight::MaxForce => muscle.max_isometric_force,
+        };
+        let all: Vec<f64> = model.muscles.iter().map(of).collect();
+        let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+        all.into_iter().map(|weight| weight / mean).collect()
+    }
+
     /// Whether there is a reserve at any coordinate.
     pub fn has_reserves(&self) -> bool {
         self.reserves > 0.0 || self.reserves_at.iter().any(|(_, moment)| *moment > 0.0)
@@ -310,6 +380,14 @@ impl Settings {
             "h" if self.intervals.is_some() => return None,
             "intervals" => return self.intervals.map(|n| Value::Integer(n as i64)),
             "effort_power" => return Some(Value::Number(self.effort_power)),
+            "method" => return Some(Value::Text(self.method.name().to_owned())),
+            "muscle_dynamics" => return Some(Value::Text(self.muscle_dynamics.name().to_owned())),
+            "criterion" => return Some(Value::Text(self.criterion.name().to_owned())),
+            "effort_of" => return Some(Value::Text(self.effort_of.name().to_owned())),
+            "effort_weight" => return Some(Value::Text(self.effort_weight.name().to_owned())),
+            "passive_forces" => return Some(Value::Flag(self.passive_forces)),
+            "min_activation" => return Some(Value::Number(self.min_activation)),
+            "near_optimal" => return Some(Value::Number(self.near_optimal)),
             "reserves" => return Some(Value::Number(self.reserves)),
             "reserve_weight" => return Some(Value::Number(self.reserve_weight)),
             "excitation_weight" => return Some(Value::Number(self.excitation_weight)),
@@ -346,11 +424,28 @@ impl Settings {
         if !self.has_reserves() {
             same.reserve_weight = 1.0;
         }
-        if self.mu == 0.0 {
+        let own = Self::default();
+        if self.method == Method::Prescribed {
+            (same.mu, same.excitation_weight) = (own.mu, 0.0);
+            same.load_sharing_grid = own.load_sharing_grid;
+            same.tracking_weights.clear();
+        } else if self.method == Method::Static {
+            (same.mu, same.excitation_weight, same.bounds) = (own.mu, 0.0, own.bounds);
+            (same.starts, same.first_start, same.warm_start) = (1, 0, own.warm_start);
+            (same.initial, same.max_iterations) = (own.initial, own.max_iterations);
+            same.load_sharing_grid = own.load_sharing_grid;
+            same.tracking_weights.clear();
+            if self.criterion == Criterion::MinMax {
+                same.effort_power = 2.0;
+            }
+        } else if self.mu == 0.0 {
             (same.effort_power, same.excitation_weight) = (2.0, 0.0);
         }
         if self.effort_power != 2.0 {
-            same.load_sharing_grid = Self::default().load_sharing_grid;
+            same.load_sharing_grid = own.load_sharing_grid;
+        }
+        if self.muscle_dynamics == MuscleDynamics::Force {
+            same.passive_forces = true;
         }
         if self.scheme == Scheme::Midpoint {
             (same.stages, same.initial) = (1, Initial::Equilibrium);

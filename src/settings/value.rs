@@ -84,6 +84,13 @@ pub(super) fn number(value: &Value, range: std::ops::RangeInclusive<f64>, allowe
     }
 }
 
+pub(super) fn flag(value: &Value) -> Result<bool, InvalidValue> {
+    match value {
+        Value::Flag(flag) => Ok(*flag),
+        other => Err(InvalidValue::new(format!("found {}", describe(other)), "it must be true or false")),
+    }
+}
+
 pub(super) fn integer(value: &Value, range: std::ops::RangeInclusive<i64>) -> Result<i64, InvalidValue> {
     match value {
         Value::Integer(number) if range.contains(number) => Ok(*number),

@@ -18,22 +18,22 @@ impl Solution<'_> {
         let (residuals, unit) = self.residuals();
         let net: Option<Vec<Vec<f64>>> = locals.iter().map(|z| self.net_moments(z)).collect();
         let row = |drive: &Drive<'_>| {
-            let values: Vec<f64> = locals.iter().map(|z| drive.moment * z[drive.control]).collect();
+            let values: Vec<f64> = locals.iter().map(|z| drive.own.moment * z[drive.control]).collect();
             let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |a: f64, v| a.max(v.abs()));
             let peak = largest(&mut values.iter().copied());
             let square: f64 = weights.iter().zip(&values).map(|(w, v)| w * v * v).sum();
             let rms = (square / self.duration()).sqrt();
-            let net = net.as_ref().map(|net| largest(&mut net.iter().map(|moments| moments[drive.number])));
-            let is_angle = drive.coordinate.is_angle;
+            let net = net.as_ref().map(|net| largest(&mut net.iter().map(|moments| moments[drive.own.number])));
+            let is_angle = drive.own.coordinate.is_angle;
             ReserveRow {
-                coordinate: drive.coordinate.name.to_owned(),
-                actuator: drive.name.clone(),
-                is_reserve: drive.is_reserve,
+                coordinate: drive.own.coordinate.name.to_owned(),
+                actuator: drive.own.name.clone(),
+                is_reserve: drive.own.is_reserve,
                 peak_moment_n_m: is_angle.then_some(peak),
                 rms_moment_n_m: is_angle.then_some(rms),
                 peak_force_n: (!is_angle).then_some(peak),
                 rms_force_n: (!is_angle).then_some(rms),
-                share: if residuals.contains(&drive.coordinate.name) {
+                share: if residuals.contains(&drive.own.coordinate.name) {
                     Some(peak / unit)
                 } else {
                     net.filter(|net| *net > 0.0).map(|net| peak / net)
@@ -69,7 +69,7 @@ impl Solution<'_> {
             }
         }
         for drive in &self.inverse.actuators {
-            moments[drive.number] += drive.moment * z[drive.control];
+            moments[drive.own.number] += drive.own.moment * z[drive.control];
         }
         Some(moments)
     }

@@ -78,7 +78,7 @@ impl Solution<'_> {
         let mut own = spatial.skeleton.default_pose();
         spatial.skeleton_coordinates(q, &mut own);
         let frames = linkage.frames(q);
-        let reactions: Vec<f64> = motion.reactions.of(z).iter().map(|r| r * self.model().weight()).collect();
+        let reactions = self.reactions(z);
         let (external, _) = motion.loads.of(z).as_chunks::<3>();
         let loads = spatial.loads_at(q, external, &reactions).into_iter();
         let loads = loads.map(|load| (LoadAt { point: load.point, force: load.force, moment: load.moment }, load.body));

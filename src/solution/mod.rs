@@ -7,6 +7,8 @@ mod trajectories;
 
 pub use muscles::moves_load;
 
+use nalgebra::{DMatrix, DVector};
+
 use crate::methods::InverseProblem;
 use crate::model::Model;
 use crate::motion::Measurement;
@@ -56,18 +58,51 @@ impl Solution<'_> {
         self.inverse.activation_at(self.problem.scheme, t, muscle)
     }
 
-    /// Coordinate `i`, or a derivative, at time t (s).
-    fn coordinate(&self, t: f64, derivative: usize, i: usize) -> f64 {
-        evaluate(&self.inverse.coordinate_at(self.problem.scheme, t, derivative, i), &self.iterate.x)
+    /// The coordinates that move by forces, or a derivative of them, at time t (s).
+    fn coordinates(&self, t: f64, derivative: usize) -> Vec<f64> {
+        let motion = &self.inverse.motion;
+        if motion.is_given {
+            let z = self.inverse.control.given_at(t);
+            let levels = [Some(motion.all), motion.rates, Some(motion.all_accelerations)];
+            let span = levels[derivative].expect("a given motion has its derivatives");
+            return span.of(&z)[..motion.q.count].to_vec();
+        }
+        let at = |i| evaluate(&self.inverse.coordinate_at(self.problem.scheme, t, derivative, i), &self.iterate.x);
+        (0..motion.q.count).map(at).collect()
+    }
+
+    /// Joint reactions at a point, N: unknowns, or what is left of eq. (1) where they are eliminated.
+    fn reactions(&self, z: &[f64]) -> Vec<f64> {
+        let (motion, mechanics) = (&self.inverse.motion, &self.model().mechanics);
+        if motion.reaction.is_some() {
+            return motion.reactions.of(z).iter().map(|reaction| self.model().weight() * reaction).collect();
+        }
+        if mechanics.constraints() == 0 {
+            return Vec::new();
+        }
+        let (nq, q) = (motion.q.count, motion.all.of(z));
+        let mut left = DVector::from(self.inverse.generalised_forces(z));
+        let mut slopes = DMatrix::zeros(nq, mechanics.constraints());
+        mechanics.constraint_functions(q, &mut |row, slots, _, gradient, _| {
+            let own = slots.iter().zip(gradient).filter(|(slot, _)| **slot < nq);
+            own.for_each(|(&slot, slope)| slopes[(slot, row)] += slope);
+        });
+        left.neg_mut();
+        let found = slopes.svd(true, true).solve(&left, 1e-12);
+        found.map_or_else(|_| Vec::new(), |reactions| reactions.iter().copied().collect())
     }
 
     /// The job's row, without status, starts and times.
     pub fn job_row(&self) -> JobRow {
         let (problem, iterate) = (self.problem, self.iterate);
         let muscles = &self.inverse.muscles;
-        let locals = self.locals();
+        let with_activations = self.inverse.points_with_activations(problem);
+        let locals: Vec<Vec<f64>> = with_activations.iter().map(|&j| problem.local(j, &iterate.x)).collect();
         let at_points = || locals.iter().flat_map(|z| self.inverse.muscles.a.of(z).iter().copied());
-        let (rms_m, rms_deg) = self.tracking_rms();
+        // A motion that is given is not tracked, and instants on their own have nothing between them.
+        let is_given = self.inverse.motion.is_given;
+        let is_continuous = self.inverse.control.quantity(muscles.activation).kind.is_state();
+        let (rms_m, rms_deg) = if is_given { (None, None) } else { self.tracking_rms() };
         let active = active(&iterate.inequalities);
         let force = (0..active.len()).filter(|&row| active[row] && is_force(problem, row)).count();
         let [stationarity, complementarity] = self.unscaled_errors();
@@ -89,7 +124,7 @@ impl Solution<'_> {
             min_activation: Some(at_points().fold(f64::INFINITY, f64::min)),
             max_activation: Some(max_activation),
             max_constraint_velocity: Some(self.max_constraint_velocity()),
-            mid_interval_error: Some(self.mid_interval_error()),
+            mid_interval_error: (!is_given || is_continuous).then(|| self.mid_interval_error()),
             ..JobRow::failed(Status::Invalid, String::new())
         }
     }
@@ -109,8 +144,10 @@ impl Solution<'_> {
         let rms = |angles: bool| {
             let own: Vec<usize> = (0..mechanics.coordinates()).filter(|&i| mechanics.is_angle(i) == angles).collect();
             let instants = self.measurement.times.iter().zip(&self.measurement.coordinates);
-            let squares = instants
-                .flat_map(|(&t, measured)| own.iter().map(move |&i| (self.coordinate(t, 0, i) - measured[i]).powi(2)));
+            let squares = instants.flat_map(|(&t, measured)| {
+                let found = self.coordinates(t, 0);
+                own.iter().map(move |&i| (found[i] - measured[i]).powi(2))
+            });
             let count = own.len() * self.measurement.times.len();
             (count > 0).then(|| (squares.sum::<f64>() / count as f64).sqrt())
         };
@@ -122,8 +159,7 @@ impl Solution<'_> {
         let mut worst: f64 = 0.0;
         for (j, &t) in self.problem.scheme.points().iter().enumerate() {
             let z = self.problem.local(j, &self.iterate.x);
-            let mut velocity: Vec<f64> =
-                (0..self.model().mechanics.coordinates()).map(|i| self.coordinate(t, 1, i)).collect();
+            let mut velocity = self.coordinates(t, 1);
             let motion = &self.inverse.motion;
             velocity.extend(motion.rates.iter().flat_map(|rates| rates.of(&z).iter().skip(motion.q.count)));
             self.model().mechanics.constraint_functions(motion.all.of(&z), &mut |_, slots, _, gradient, _| {

@@ -2,6 +2,7 @@
 
 use super::Solution;
 use crate::methods::InverseProblem;
+use crate::methods::muscle_force::Fibre;
 use crate::outcome::MuscleRow;
 use crate::transcription::collocation::Collocation;
 use crate::transcription::scheme::{Combination, evaluate, gauss};
@@ -46,7 +47,7 @@ impl Solution<'_> {
             let z = self.problem.local(j, &self.iterate.x);
             let dz = self.problem.local_change(j, direction);
             for (m, muscle) in self.model().muscles.iter().enumerate() {
-                let change = self.inverse.contractions[m].fibre_force_change(&z, &dz);
+                let change = self.inverse.forces[m].change(&z, &dz);
                 slopes[m] += weight / duration * muscle.max_isometric_force * change;
             }
         }
@@ -54,51 +55,58 @@ impl Solution<'_> {
     }
 
     pub fn muscle_rows(&self) -> Vec<MuscleRow> {
-        let (locals, complete) = (self.locals(), self.complete_locals());
-        let weights = self.weights();
-        let variables = &self.inverse.muscles;
-        let duration = self.duration();
+        let at = |j: usize| self.problem.local(j, &self.iterate.x);
+        let locals: Vec<Vec<f64>> = self.inverse.points_with_activations(self.problem).into_iter().map(at).collect();
+        let complete = self.complete_locals();
         let idle = self.inverse.idle(self.problem, &self.iterate.x);
-        self.model()
-            .muscles
-            .iter()
-            .enumerate()
-            .map(|(m, muscle)| {
-                let [a, l, u] = [variables.a, variables.l, variables.u].map(|span| span.at(m));
-                let forces: Vec<f64> =
-                    complete.iter().map(|z| muscle.max_isometric_force * self.inverse.fibre_force(z, m)).collect();
-                let velocities: Vec<f64> = complete.iter().map(|z| z[variables.l_rate.at(m)]).collect();
-                let impulse: f64 = weights.iter().zip(&forces).map(|(w, f)| w * f).sum();
-                let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                let of =
-                    |points: &[Vec<f64>], variable: usize| points.iter().map(|z| z[variable]).collect::<Vec<f64>>();
-                let lengths = of(&locals, l);
-                let at_one = weights.iter().zip(&complete).filter(|(_, z)| z[a] > 1.0 - SATURATED);
-                let (ringing, direction_changes) = ringing(&velocities);
-                MuscleRow {
-                    muscle: muscle.name.clone(),
-                    mean_activation_low: None,
-                    mean_activation_high: None,
-                    mean_activation: self.integrate(|t| self.activation(t, m)) / duration,
-                    peak_activation: largest(&of(&locals, a)),
-                    peak_excitation: largest(&of(&complete, u)),
-                    saturated_share: at_one.map(|(weight, _)| weight).sum::<f64>() / duration,
-                    mean_force_n: impulse / duration,
-                    mean_force_mesh_error_n: None,
-                    peak_force_n: largest(&forces),
-                    min_force_n: forces.iter().copied().fold(f64::INFINITY, f64::min),
-                    impulse_n_s: impulse,
-                    peak_passive_force_n: lengths.iter().map(|&l| muscle.passive_force(l)).fold(0.0, f64::max),
-                    min_fibre_length: lengths.iter().copied().fold(f64::INFINITY, f64::min),
-                    max_fibre_length: largest(&lengths),
-                    idle: idle[m],
-                    ringing,
-                    direction_changes,
-                    peak_fibre_velocity_per_s: velocities.iter().fold(0.0, |a, v| a.max(v.abs())),
-                    excitation_swings: Some(swings(&of(&complete, u))),
-                }
-            })
-            .collect()
+        let row = |(m, idle): (usize, bool)| MuscleRow { idle, ..self.muscle_row(m, &locals, &complete) };
+        idle.into_iter().enumerate().map(row).collect()
+    }
+
+    /// `locals`: z at the points with activations; `complete`: at those where every function has a value.
+    fn muscle_row(&self, m: usize, locals: &[Vec<f64>], complete: &[Vec<f64>]) -> MuscleRow {
+        let (weights, duration) = (self.weights(), self.duration());
+        let (variables, force) = (&self.inverse.muscles, &self.inverse.forces[m]);
+        let (muscle, a) = (force.muscle(), variables.a.at(m));
+        let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let smallest = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
+        let of = |points: &[Vec<f64>], variable: usize| points.iter().map(|z| z[variable]).collect::<Vec<f64>>();
+        let forces: Vec<f64> = complete.iter().map(|z| muscle.max_isometric_force * force.value(z)).collect();
+        let impulse: f64 = weights.iter().zip(&forces).map(|(w, f)| w * f).sum();
+        let share = |points: &dyn Fn(&Vec<f64>) -> bool| {
+            let there = weights.iter().zip(complete).filter(|(_, z)| points(z));
+            there.fold(0.0, |sum, (weight, _)| sum + weight) / duration
+        };
+        let fibres = |points: &[Vec<f64>]| points.iter().map(|z| force.fibre(z)).collect::<Option<Vec<Fibre>>>();
+        let lengths: Option<Vec<f64>> = fibres(locals).map(|all| all.iter().map(|fibre| fibre.length).collect());
+        let velocities: Option<Vec<f64>> = fibres(complete).map(|all| all.iter().map(|fibre| fibre.velocity).collect());
+        let rings = velocities.as_deref().map(ringing);
+        let excitations = variables.u.get(m).map(|u| of(complete, u));
+        MuscleRow {
+            muscle: muscle.name.clone(),
+            mean_activation_low: None,
+            mean_activation_high: None,
+            mean_activation: self.integrate(|t| self.activation(t, m)) / duration,
+            peak_activation: largest(&of(locals, a)),
+            peak_excitation: excitations.as_deref().map(largest),
+            saturated_share: share(&|z| z[a] > 1.0 - SATURATED),
+            left_out_share: self.inverse.motion.is_given.then(|| share(&|z| force.is_left_out(z))),
+            mean_force_n: impulse / duration,
+            mean_force_mesh_error_n: None,
+            mean_force_near_low_n: None,
+            mean_force_near_high_n: None,
+            peak_force_n: largest(&forces),
+            min_force_n: smallest(&forces),
+            impulse_n_s: impulse,
+            peak_passive_force_n: locals.iter().map(|z| force.passive_force(z)).fold(0.0, f64::max),
+            min_fibre_length: lengths.as_deref().map(smallest),
+            max_fibre_length: lengths.as_deref().map(largest),
+            idle: false,
+            ringing: rings.map(|(amplitude, _)| amplitude),
+            direction_changes: rings.map(|(_, turns)| turns),
+            peak_fibre_velocity_per_s: velocities.map(|all| all.iter().fold(0.0, |a: f64, v| a.max(v.abs()))),
+            excitation_swings: excitations.as_deref().map(swings),
+        }
     }
 }
 
@@ -131,6 +139,6 @@ pub fn moves_load(
 ) -> bool {
     (0..problem.points.len()).filter(|&j| problem.points[j].complete).any(|j| {
         let (z, dz) = (problem.local(j, x), problem.local_change(j, direction));
-        inverse.contractions.iter().any(|contraction| contraction.fibre_force_change(&z, &dz).abs() > threshold)
+        inverse.forces.iter().any(|force| force.change(&z, &dz).abs() > threshold)
     })
 }

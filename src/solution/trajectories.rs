@@ -25,7 +25,7 @@ impl Solution<'_> {
         self.push_measured(&mut push);
         let mut near = Vec::new();
         // Functions of degree 0 ring at both ends.
-        let rings = self.inverse.motion.velocity.is_none();
+        let rings = self.inverse.motion.velocity.is_none() && !self.inverse.motion.is_given;
         let count = self.problem.scheme.points().len();
         for (j, (&t, z)) in self.problem.scheme.points().iter().zip(self.locals()).enumerate() {
             let end = rings && (j < END_POINTS || j + END_POINTS >= count);
@@ -58,11 +58,12 @@ impl Solution<'_> {
                 self.push_joints(&z, &mut |signal, name, value| push(t, signal, name, value, end));
             }
             for drive in self.inverse.actuators.iter().filter(|_| complete) {
-                let signal = if drive.coordinate.is_angle { "actuator_moment_n_m" } else { "actuator_force_n" };
-                push(t, signal, &drive.name, drive.moment * z[drive.control], false);
+                let signal = if drive.own.coordinate.is_angle { "actuator_moment_n_m" } else { "actuator_force_n" };
+                push(t, signal, &drive.own.name, drive.own.moment * z[drive.control], false);
             }
-            for (row, name) in model.mechanics.reaction_names().into_iter().enumerate().filter(|_| complete) {
-                push(t, "reaction_n", &name, model.weight() * z[self.inverse.motion.reactions.at(row)], end);
+            let reactions = if complete { self.reactions(&z) } else { Vec::new() };
+            for (name, reaction) in model.mechanics.reaction_names().iter().zip(reactions) {
+                push(t, "reaction_n", name, reaction, end);
             }
         }
         let active = active(&self.iterate.inequalities);
@@ -81,9 +82,9 @@ impl Solution<'_> {
         let names = model.mechanics.coordinate_names();
         let mut near = Vec::new();
         for (&t, measured) in self.measurement.times.iter().zip(&self.measurement.coordinates) {
-            for (i, name) in names.iter().enumerate() {
-                push(t, "measured", name, measured[i], false);
-                push(t, "coordinate", name, self.coordinate(t, 0, i), false);
+            for ((name, measured), found) in names.iter().zip(measured).zip(self.coordinates(t, 0)) {
+                push(t, "measured", name, *measured, false);
+                push(t, "coordinate", name, found, false);
             }
             let all = self.inverse.all_coordinates(t, measured);
             for (name, value) in model.mechanics.joint_coordinate_values(&all, &mut near) {
@@ -95,14 +96,20 @@ impl Solution<'_> {
     /// The muscles' variables at a point.
     fn push_muscles(&self, push: &mut impl FnMut(f64, &str, &str, f64, bool), (t, z): (f64, &[f64]), complete: bool) {
         let muscles = &self.inverse.muscles;
-        for (m, muscle) in self.model().muscles.iter().enumerate() {
-            push(t, "activation", &muscle.name, z[muscles.a.at(m)], false);
-            push(t, "fibre_length", &muscle.name, z[muscles.l.at(m)], false);
+        let is_state = self.inverse.control.quantity(muscles.activation).kind.is_state();
+        for (m, force) in self.inverse.forces.iter().enumerate() {
+            let name = &force.muscle().name;
+            if complete || is_state {
+                push(t, "activation", name, z[muscles.a.at(m)], false);
+            }
+            let fibre = force.fibre(z);
+            if let Some(fibre) = fibre.filter(|_| complete || is_state) {
+                push(t, "fibre_length", name, fibre.length, false);
+            }
             if complete {
-                let force = muscle.max_isometric_force * self.inverse.fibre_force(z, m);
-                push(t, "excitation", &muscle.name, z[muscles.u.at(m)], false);
-                push(t, "fibre_velocity", &muscle.name, z[muscles.l_rate.at(m)], false);
-                push(t, "force_n", &muscle.name, force, false);
+                muscles.u.get(m).into_iter().for_each(|u| push(t, "excitation", name, z[u], false));
+                fibre.into_iter().for_each(|fibre| push(t, "fibre_velocity", name, fibre.velocity, false));
+                push(t, "force_n", name, force.muscle().max_isometric_force * force.value(z), false);
             }
         }
     }

@@ -16,7 +16,10 @@ use super::{Job, SCHEMA_VERSION};
 use crate::error::{Issue, Mistakes, nearest};
 use crate::model::Model;
 use crate::motion::{HIGHEST_CUTOFF, MotionTable};
-use crate::settings::{BoundKind, InvalidValue, RegularityMode, Settings, Value, WarmStart};
+use crate::settings::{
+    BoundKind, EffortOf, Initial, InvalidValue, Method, MuscleDynamics, RegularityMode, Scheme, Settings, Value,
+    WarmStart,
+};
 
 /// Everything that determines a job's result. The job's id is its hash.
 #[derive(Serialize)]
@@ -416,6 +419,7 @@ impl<'m> Plan<'m> {
                         before.swept[axis] == swept[axis]
                     };
                     settings.warm_start == WarmStart::Neighbour
+                        && settings.method == Method::Dynamic
                         && in_block < MAX_BLOCK
                         && sweep.axes.iter().take(others).all(alike)
                 });
@@ -478,6 +482,9 @@ impl<'m> Plan<'m> {
             return Err(complaint_at(self.place(&format!("tracking_weight.{name}")), InvalidValue::new(message, help)));
         }
         self.check_drives(model, job)?;
+        if job.settings.method != Method::Dynamic {
+            return Ok(());
+        }
         let has_actuators = job.settings.has_reserves() || !model.actuators.is_empty();
         if job.settings.mu == 0.0 && has_actuators {
             let help = "with mu = 0 reserves and actuators cost nothing, so that their loads would be arbitrary: set a \
@@ -517,13 +524,69 @@ impl<'m> Plan<'m> {
     /// Refuses settings that do not fit one another.
     pub fn check_settings(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
         for job in jobs {
-            if job.settings.effort_power != 2.0 && !job.settings.bounds.kinds().contains(&BoundKind::Activation) {
+            self.check_method(&job.settings)?;
+            if job.settings.method != Method::Static
+                && job.settings.effort_power != 2.0
+                && !job.settings.bounds.kinds().contains(&BoundKind::Activation)
+            {
                 let message = format!("{} with bounds = \"{}\"", job.settings.effort_power, job.settings.bounds.name());
                 let help = "a power other than 2 needs a ≥ 0: set bounds = \"both\", or another with activation";
                 return Err(complaint_at(self.place("effort_power"), InvalidValue::new(message, help)));
             }
         }
         Ok(())
+    }
+
+    /// Refuses what a method does not have.
+    fn check_method(&self, settings: &Settings) -> std::result::Result<(), Issue> {
+        let (method, own) = (settings.method, Settings::default());
+        let refused =
+            |name: &str, found: String, help: &str| Err(complaint_at(self.place(name), InvalidValue::new(found, help)));
+        let power = settings.effort_power;
+        if power < 2.0 && (power != 1.0 || method != Method::Static) {
+            let help = "it must be a power from 2 to 10; 1, a linear criterion, only with method = \"static\"";
+            return refused("effort_power", format!("found the number {power}"), help);
+        }
+        let of_method = |name: &str, value: &str| format!("{name} = {value} with method = \"{}\"", method.name());
+        let quoted = |value: &str| format!("\"{value}\"");
+        if method != Method::Dynamic {
+            if settings.scheme != Scheme::Radau {
+                let found = of_method("scheme", &quoted(settings.scheme.name()));
+                return refused("scheme", found, "set scheme = \"radau\", at whose points the loads are found");
+            }
+            if settings.noise_sd > 0.0 {
+                let help = "the motion is given as it is, and its accelerations with it; remove noise_sd";
+                return refused("noise_sd", of_method("noise_sd", &settings.noise_sd.to_string()), help);
+            }
+        }
+        if method == Method::Prescribed && settings.muscle_dynamics == MuscleDynamics::Force {
+            let help = "muscles without dynamics share each instant's load alone: set method = \"static\"";
+            return refused("muscle_dynamics", of_method("muscle_dynamics", &quoted("force")), help);
+        }
+        let has_effort = match method {
+            Method::Static => settings.effort_of != EffortOf::Excitation,
+            Method::Prescribed => settings.effort_of != EffortOf::Force,
+            Method::Dynamic => settings.effort_of == own.effort_of,
+        };
+        let is_static = method == Method::Static;
+        let unfit = [
+            ("criterion", is_static || settings.criterion == own.criterion, quoted(settings.criterion.name())),
+            ("near_optimal", is_static || settings.near_optimal == 0.0, settings.near_optimal.to_string()),
+            ("effort_of", has_effort, quoted(settings.effort_of.name())),
+            (
+                "initial",
+                method != Method::Dynamic || settings.initial != Initial::Steady,
+                quoted(settings.initial.name()),
+            ),
+        ];
+        match unfit.into_iter().find(|(_, fits, _)| !fits) {
+            None => Ok(()),
+            Some((name, _, value)) => {
+                let help =
+                    "the method does not have it; methods with settings of their own can be jobs of a [[sweep.list]]";
+                refused(name, of_method(name, &value), help)
+            }
+        }
     }
 
     /// Where a name is set: in its sweep, or in the base.
@@ -558,7 +621,9 @@ impl<'n> Owners<'n> {
         for outer in outer() {
             self.outer.insert(outer.to_owned(), name);
         }
-        self.targets.insert(target.to_owned(), name).or(other)
+        let other = self.targets.insert(target.to_owned(), name).or(other);
+        // What is said of all coordinates leaves room for what is said of one.
+        other.filter(|other| name != "reserves" && *other != "reserves")
     }
 }
 

@@ -423,8 +423,15 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
             l.row.mean_activation_high
         }),
         C::number("peak_activation", "1", "largest at a collocation point", |l| Some(l.row.peak_activation)),
-        C::number("peak_excitation", "1", "largest at a collocation point", |l| Some(l.row.peak_excitation)),
+        C::number("peak_excitation", "1", "largest at a collocation point", |l| l.row.peak_excitation),
         C::number("saturated_share", "1", "share of the time with an activation of 1", |l| Some(l.row.saturated_share)),
+        C::number(
+            "left_out_share",
+            "1",
+            "share of the time in which the muscle has no strength, because of its length or its velocity, and is left out; null \
+             with `dynamic`",
+            |l| l.row.left_out_share,
+        ),
         C::number("mean_force_n", "N", "mean tendon force", |l| Some(l.row.mean_force_n)),
         C::number(
             "mean_force_mesh_error_n",
@@ -432,31 +439,35 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
             "estimated discretisation error of the mean force: computed minus exact, a rough figure; radau only",
             |l| l.row.mean_force_mesh_error_n,
         ),
+        C::number(
+            "mean_force_near_low_n",
+            "N",
+            "least mean force where the cost is higher by no more than `near_optimal` times the muscles' part of it; null if not \
+             asked for",
+            |l| l.row.mean_force_near_low_n,
+        ),
+        C::number("mean_force_near_high_n", "N", "greatest of these", |l| l.row.mean_force_near_high_n),
         C::number("peak_force_n", "N", "largest tendon force", |l| Some(l.row.peak_force_n)),
         C::number("impulse_n_s", "N s", "integral of the tendon force", |l| Some(l.row.impulse_n_s)),
         C::number("min_force_n", "N", "smallest tendon force", |l| Some(l.row.min_force_n)),
         C::number("peak_passive_force_n", "N", "largest passive force of the fibres", |l| {
             Some(l.row.peak_passive_force_n)
         }),
-        C::number("min_fibre_length", "optimal fibre lengths", "shortest fibre length", |l| {
-            Some(l.row.min_fibre_length)
-        }),
-        C::number("max_fibre_length", "optimal fibre lengths", "longest fibre length", |l| {
-            Some(l.row.max_fibre_length)
-        }),
+        C::number("min_fibre_length", "optimal fibre lengths", "shortest fibre length", |l| l.row.min_fibre_length),
+        C::number("max_fibre_length", "optimal fibre lengths", "longest fibre length", |l| l.row.max_fibre_length),
         C::flag("idle", "the activation is 0 at every collocation point (|a| ≤ 1e-8)", |l| Some(l.row.idle)),
         C::number(
             "ringing",
             "optimal fibre lengths/s",
             "largest |v_{j+1} − 2 v_j + v_{j−1}|/4 of the fibre velocity: amplitude of an alternation from point to \
              point",
-            |l| Some(l.row.ringing),
+            |l| l.row.ringing,
         ),
         C::number("direction_changes", "1", "share of points at which the fibre velocity turns up or down", |l| {
-            Some(l.row.direction_changes)
+            l.row.direction_changes
         }),
         C::number("peak_fibre_velocity_per_s", "optimal fibre lengths/s", "largest |fibre velocity|", |l| {
-            Some(l.row.peak_fibre_velocity_per_s)
+            l.row.peak_fibre_velocity_per_s
         }),
         C::number(
             "excitation_swings",

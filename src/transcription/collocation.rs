@@ -28,8 +28,9 @@ pub struct Collocation<'p> {
     pub points: Vec<Point>,
     pub bounds: Vec<Bound>,
     pub objective: Objective,
-    /// Linear equalities `Σ weight · x = 0`, before those of the points.
+    /// Linear equalities `Σ weight · x = constant`, before those of the points.
     pub linear: Vec<Combination>,
+    linear_constants: Vec<f64>,
     /// The maps of all points one after the other: a column each variable.
     maps: Sparse,
     /// First equality and first inequality of each point, and the numbers of both.
@@ -85,6 +86,7 @@ impl<'p> Collocation<'p> {
             bounds,
             objective,
             linear,
+            linear_constants: scheme.linear_constants(),
             row_starts,
             bound_starts,
             equality_pattern: equalities.0,
@@ -186,8 +188,8 @@ impl Problem for Collocation<'_> {
     }
 
     fn constraints(&self, x: &[f64], equalities: &mut [f64], inequalities: &mut [f64]) {
-        for (row, combination) in self.linear.iter().enumerate() {
-            equalities[row] = evaluate(combination, x);
+        for (row, (combination, constant)) in self.linear.iter().zip(&self.linear_constants).enumerate() {
+            equalities[row] = evaluate(combination, x) - constant;
         }
         let mut residual = vec![0.0; self.control.rows()];
         for (j, Point { rows, .. }) in self.points.iter().enumerate() {
@@ -202,7 +204,8 @@ impl Problem for Collocation<'_> {
     /// printed in normalised force, |Φ| in m or rad, |eq. (4)|·τ, bound violation, linear rows, and, in the stabilised form, the
     /// kinematic and velocity equations in m/s and rad/s.
     fn feasibility(&self, x: &[f64]) -> f64 {
-        let mut worst: f64 = self.linear.iter().map(|row| evaluate(row, x).abs()).fold(0.0, larger);
+        let linear = self.linear.iter().zip(&self.linear_constants);
+        let mut worst: f64 = linear.map(|(row, constant)| (evaluate(row, x) - constant).abs()).fold(0.0, larger);
         let mut residual = vec![0.0; self.control.rows()];
         for (j, Point { rows, .. }) in self.points.iter().enumerate() {
             let z = self.local(j, x);

@@ -14,7 +14,7 @@
 
 use super::coefficients::{Coefficients, Family};
 use super::scheme::{Combination, Discretisation, Place, Trajectory};
-use crate::problem::{ControlProblem, Kind, Quantity, QuantityId};
+use crate::problem::{AtStart, ControlProblem, Kind, Quantity, QuantityId};
 
 /// Points c_i and weights b_i of the Radau IIA formulas with 1, 2 and 3 stages.
 pub fn tableau(stages: usize) -> (Vec<f64>, Vec<f64>) {
@@ -64,8 +64,7 @@ pub struct Radau {
     /// By quantity.
     kinds: Vec<Kind>,
     coefficients: Coefficients,
-    /// Functions whose rate is 0 at the first point.
-    at_rest: Vec<(QuantityId, usize)>,
+    starts: Vec<AtStart>,
 }
 
 impl Radau {
@@ -93,7 +92,7 @@ impl Radau {
         Self {
             kinds: problem.quantities.iter().map(|quantity| quantity.kind).collect(),
             coefficients: Coefficients::new(problem.quantities.iter().map(family).collect()),
-            at_rest: problem.at_rest.clone(),
+            starts: problem.starts.clone(),
             stages,
             h,
             breakpoints,
@@ -155,18 +154,38 @@ impl Discretisation for Radau {
         weights
     }
 
-    /// No rate at the first point of the functions at rest; times h, to be of the size of a value.
+    /// The conditions at the start. A rate is that at the first point, times h to be of the size of a value; a control has its
+    /// value at t_1 from its polynomial on the first interval.
     fn linear(&self) -> Vec<Combination> {
-        let rate = |&(quantity, member)| self.function(self.point(1), quantity, member, 1);
-        self.at_rest.iter().map(|at| rate(at).into_iter().map(|(i, w)| (i, w * self.h)).collect()).collect()
+        let row = |condition: &AtStart| match *condition {
+            AtStart::Rate { state, member, .. } => {
+                let rate = self.function(self.point(1), state, member, 1);
+                rate.into_iter().map(|(i, w)| (i, w * self.h)).collect()
+            }
+            AtStart::Steady { state, control, member } => {
+                let values = lagrange(&self.nodes[1..], 0.0, 0).into_iter().enumerate();
+                let of_control = values.map(|(n, w)| (self.coefficients.index(control, n, member), -w));
+                [(self.coefficients.index(state, 0, member), 1.0)].into_iter().chain(of_control).collect()
+            }
+        };
+        self.starts.iter().map(row).collect()
+    }
+
+    fn linear_constants(&self) -> Vec<f64> {
+        let constant = |condition: &AtStart| match condition {
+            AtStart::Rate { rate, .. } => rate * self.h,
+            AtStart::Steady { .. } => 0.0,
+        };
+        self.starts.iter().map(constant).collect()
     }
 
     fn settle(&self, x: &mut [f64]) {
-        let slope = lagrange(&self.nodes, self.nodes[1], 1);
-        for &(quantity, member) in &self.at_rest {
-            let index = |n| self.coefficients.index(quantity, n, member);
-            let rest: f64 = (1..slope.len()).map(|n| slope[n] * x[index(n)]).sum();
-            x[index(0)] = -rest / slope[0];
+        for ((condition, row), constant) in self.starts.iter().zip(self.linear()).zip(self.linear_constants()) {
+            let (AtStart::Rate { state, member, .. } | AtStart::Steady { state, member, .. }) = *condition;
+            let first = self.coefficients.index(state, 0, member);
+            let own: f64 = row.iter().filter(|(i, _)| *i == first).map(|(_, w)| w).sum();
+            let rest: f64 = row.iter().filter(|(i, _)| *i != first).map(|&(i, w)| w * x[i]).sum();
+            x[first] = (constant - rest) / own;
         }
     }
 

@@ -20,6 +20,11 @@ pub fn gauss(breakpoints: &[f64]) -> impl Iterator<Item = (f64, f64)> {
     })
 }
 
+/// Times (s) and weights (s) of the points at which every function has a value.
+pub fn quadrature(scheme: &dyn Discretisation) -> Vec<(f64, f64)> {
+    scheme.points().iter().copied().zip(scheme.quadrature()).filter(|(_, weight)| *weight > 0.0).collect()
+}
+
 /// A time, and where it is among the polynomial pieces.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
@@ -57,8 +62,13 @@ pub trait Discretisation: Send + Sync {
     /// a point without a force is 0.
     fn quadrature(&self) -> Vec<f64>;
 
-    /// Linear equalities `Σ weight · x = 0`.
+    /// Linear equalities `Σ weight · x = constant`.
     fn linear(&self) -> Vec<Combination>;
+
+    /// Their constants.
+    fn linear_constants(&self) -> Vec<f64> {
+        vec![0.0; self.linear().len()]
+    }
 
     /// Makes the unknowns that are only names for values of the others agree with them.
     fn settle(&self, x: &mut [f64]);

@@ -33,7 +33,7 @@ fn one_door_a_crate() {
 }
 
 /// All modules of the program: each may use those before it only.
-const LAYERS: [&str; 39] = [
+const LAYERS: [&str; 40] = [
     "terminal",
     "deadline",
     "error",
@@ -62,6 +62,7 @@ const LAYERS: [&str; 39] = [
     "uniqueness",
     "mesh_error",
     "analysis",
+    "recruited",
     "starts",
     "solve",
     "study",

@@ -20,30 +20,43 @@
 //! the force is positive that is an invertible row operation, so ranks are the same, and the stiff tendon no longer
 //! spoils the conditioning.
 
+use std::sync::Arc;
+
 use crate::model::Musculotendon;
 use crate::model::musculotendon::FibreForce;
 use crate::model::path::PathLength;
 use crate::problem::block::{Block, Order, Sink};
 use crate::problem::quantity::Span;
 
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct Contraction<'m> {
     pub muscle: &'m Musculotendon,
     /// F_o/W
     pub strength: f64,
-    /// All coordinates, those of given motion last.
-    pub coordinates: Span,
+    pub way: Way,
     pub activation: usize,
     pub length: usize,
     pub velocity: usize,
     pub excitation: usize,
-    /// Rows of eq. (1).
-    pub motion: Span,
     pub row: usize,
     /// The row of f_m, which is a function for a limit.
     pub force_row: usize,
     /// Weight of a step in activation, relative to one in q.
     pub step_weight: f64,
+}
+
+/// Where the muscle runs.
+#[derive(Clone)]
+pub enum Way {
+    /// Over coordinates that are unknown.
+    Of {
+        /// All coordinates, those of given motion last.
+        coordinates: Span,
+        /// Rows of eq. (1).
+        motion: Span,
+    },
+    /// Where the motion is given: the length among the variables, and the rows of eq. (1) with the moment arms −∂L_mt/∂θ there.
+    Known { length: usize, rows: Arc<[usize]>, arms: Span },
 }
 
 impl Contraction<'_> {
@@ -63,9 +76,17 @@ impl Contraction<'_> {
         [self.activation, self.length, self.velocity]
     }
 
-    fn path_length(&self, z: &[f64]) -> PathLength<f64> {
+    /// The length of the path, m.
+    fn path_length(&self, z: &[f64]) -> f64 {
+        match &self.way {
+            Way::Of { coordinates, .. } => self.path(coordinates.of(z), false).value,
+            Way::Known { length, .. } => z[*length],
+        }
+    }
+
+    fn path(&self, q: &[f64], second: bool) -> PathLength<f64> {
         let mut path = self.muscle.path.buffer();
-        self.muscle.path.length(self.coordinates.of(z), false, &mut path);
+        self.muscle.path.length(q, second, &mut path);
         path
     }
 
@@ -77,34 +98,33 @@ impl Contraction<'_> {
         }
         // (L_mt − l L_o cos θ)/L_s has the derivative −1/L_s times itself.
         let slack = muscle.tendon_slack_length;
-        let path = self.path_length(z);
         let square = slack * slack;
-        let slots = muscle.path.slots().iter().zip(&path.gradient);
-        let mut mixed: Vec<(usize, f64)> =
-            slots.map(|(&slot, gradient)| (self.coordinates.at(slot), -gradient / square)).collect();
+        let mut mixed: Vec<(usize, f64)> = Vec::new();
+        if let Way::Of { coordinates, .. } = &self.way {
+            let path = self.path(coordinates.of(z), false);
+            let slots = muscle.path.slots().iter().zip(path.gradient);
+            mixed.extend(slots.map(|(&slot, gradient)| (coordinates.at(slot), -gradient / square)));
+        }
         mixed.push((self.length, muscle.fibre_along_tendon() / square));
-        (-(muscle.tendon_strain(path.value, z[self.length]) + 1.0) / slack, mixed)
+        (-(muscle.tendon_strain(self.path_length(z), z[self.length]) + 1.0) / slack, mixed)
     }
 
     fn add(&self, z: &[f64], out: &mut Sink<'_>) {
-        let slots = self.muscle.path.slots();
-        let mut path = self.muscle.path.buffer();
-        if !out.is_recording() {
-            self.muscle.path.length(self.coordinates.of(z), out.wants(Order::Slopes), &mut path);
-        }
         let force = self.fibre_force(z);
-        let stretch = self.muscle.contraction(path.value, z[self.length], force.value);
-        for (i, &one) in slots.iter().enumerate() {
-            out.value(self.motion.at(one), self.strength * force.value * path.gradient[i]);
-            for j in 0..if out.wants(Order::Slopes) { slots.len() } else { 0 } {
-                let bend = self.strength * force.value * path.hessian[i * slots.len() + j];
-                out.slope(self.motion.at(one), self.coordinates.at(slots[j]), bend);
+        let length = match &self.way {
+            Way::Of { coordinates, motion } => self.add_along(z, &force, (*coordinates, *motion), out),
+            Way::Known { length, rows, arms } => {
+                for (&row, arm) in rows.iter().zip(arms.of(z)) {
+                    let pull = self.strength * arm;
+                    out.value(row, pull * force.value);
+                    for (variable, by) in self.fibre_variables().into_iter().zip(&force.gradient) {
+                        out.slope(row, variable, pull * by);
+                    }
+                }
+                z[*length]
             }
-            for (variable, by) in self.fibre_variables().into_iter().zip(&force.gradient) {
-                out.slope(self.motion.at(one), variable, self.strength * path.gradient[i] * by);
-            }
-            out.slope(self.row, self.coordinates.at(one), path.gradient[i] * stretch.by_path);
-        }
+        };
+        let stretch = self.muscle.contraction(length, z[self.length], force.value);
         out.value(self.row, stretch.value);
         out.value(self.force_row, force.value);
         for (variable, by) in self.fibre_variables().into_iter().zip(&force.gradient) {
@@ -116,32 +136,42 @@ impl Contraction<'_> {
         out.slope(self.row, self.length, stretch.by_length);
     }
 
+    /// The pull at unknown coordinates, and how eq. (3) depends on them; returns the length of the path.
+    fn add_along(&self, z: &[f64], force: &FibreForce, (coordinates, motion): (Span, Span), out: &mut Sink<'_>) -> f64 {
+        let slots = self.muscle.path.slots();
+        let mut path = self.muscle.path.buffer();
+        if !out.is_recording() {
+            self.muscle.path.length(coordinates.of(z), out.wants(Order::Slopes), &mut path);
+        }
+        let stretch = self.muscle.contraction(path.value, z[self.length], force.value);
+        for (i, &one) in slots.iter().enumerate() {
+            out.value(motion.at(one), self.strength * force.value * path.gradient[i]);
+            for j in 0..if out.wants(Order::Slopes) { slots.len() } else { 0 } {
+                let bend = self.strength * force.value * path.hessian[i * slots.len() + j];
+                out.slope(motion.at(one), coordinates.at(slots[j]), bend);
+            }
+            for (variable, by) in self.fibre_variables().into_iter().zip(&force.gradient) {
+                out.slope(motion.at(one), variable, self.strength * path.gradient[i] * by);
+            }
+            out.slope(self.row, coordinates.at(one), path.gradient[i] * stretch.by_path);
+        }
+        path.value
+    }
+
     /// With λ the multipliers of eq. (1) and φ, ν those of eq. (3) and of f_m: ω ∇²f_m + φ ∇²l_t − φ (f_t⁻¹)″ ∇f_m ∇f_mᵀ, ω the
     /// sum of all factors of f_m.
     fn bend(&self, z: &[f64], out: &mut Sink<'_>) {
-        let slots = self.muscle.path.slots();
-        let mut direction: Vec<f64> = self.motion.range().map(|row| out.multiplier(row)).collect();
-        direction.resize(self.coordinates.count, 0.0);
-        let path = if out.is_recording() {
-            self.muscle.path.buffer()
-        } else {
-            self.muscle.path.length_along(self.coordinates.of(z), &direction)
-        };
         let force = self.fibre_force(z);
-        let stretch = self.muscle.contraction(path.value.re, z[self.length], force.value);
+        let (pull, length) = match &self.way {
+            Way::Of { coordinates, motion } => self.bend_along(z, &force, (*coordinates, *motion), out),
+            Way::Known { length, rows, arms } => {
+                let pulls = rows.iter().zip(arms.of(z)).map(|(&row, arm)| out.multiplier(row) * arm);
+                (pulls.sum(), z[*length])
+            }
+        };
+        let stretch = self.muscle.contraction(length, z[self.length], force.value);
         let contraction = out.multiplier(self.row);
-        let pull = self.strength * force.value;
-        for (i, &one) in slots.iter().enumerate() {
-            for (j, &other) in slots.iter().enumerate().skip(i) {
-                let second = path.hessian[i * slots.len() + j];
-                let bend = pull * second.eps + contraction * stretch.by_path * second.re;
-                out.bend(self.coordinates.at(one), self.coordinates.at(other), bend);
-            }
-            for (variable, by) in self.fibre_variables().into_iter().zip(&force.gradient) {
-                out.bend(self.coordinates.at(one), variable, self.strength * path.gradient[i].eps * by);
-            }
-        }
-        let omega = self.strength * path.value.eps + contraction * stretch.by_force + out.multiplier(self.force_row);
+        let omega = self.strength * pull + contraction * stretch.by_force + out.multiplier(self.force_row);
         for (i, one) in self.fibre_variables().into_iter().enumerate() {
             for (j, other) in self.fibre_variables().into_iter().enumerate().skip(i) {
                 let bend =
@@ -149,6 +179,38 @@ impl Contraction<'_> {
                 out.bend(one, other, bend);
             }
         }
+    }
+
+    /// The bends by unknown coordinates; returns λᵀ ∂L_mt/∂q, and the length of the path.
+    fn bend_along(
+        &self,
+        z: &[f64],
+        force: &FibreForce,
+        (coordinates, motion): (Span, Span),
+        out: &mut Sink<'_>,
+    ) -> (f64, f64) {
+        let slots = self.muscle.path.slots();
+        let mut direction: Vec<f64> = motion.range().map(|row| out.multiplier(row)).collect();
+        direction.resize(coordinates.count, 0.0);
+        let path = if out.is_recording() {
+            self.muscle.path.buffer()
+        } else {
+            self.muscle.path.length_along(coordinates.of(z), &direction)
+        };
+        let stretch = self.muscle.contraction(path.value.re, z[self.length], force.value);
+        let contraction = out.multiplier(self.row);
+        let pull = self.strength * force.value;
+        for (i, &one) in slots.iter().enumerate() {
+            for (j, &other) in slots.iter().enumerate().skip(i) {
+                let second = path.hessian[i * slots.len() + j];
+                let bend = pull * second.eps + contraction * stretch.by_path * second.re;
+                out.bend(coordinates.at(one), coordinates.at(other), bend);
+            }
+            for (variable, by) in self.fibre_variables().into_iter().zip(&force.gradient) {
+                out.bend(coordinates.at(one), variable, self.strength * path.gradient[i].eps * by);
+            }
+        }
+        (path.value.eps, path.value.re)
     }
 }
 
@@ -171,7 +233,7 @@ impl Block for Contraction<'_> {
     }
 
     fn print(&self, z: &[f64], residuals: &mut [f64]) {
-        let (path, force) = (self.path_length(z), self.fibre_force(z).value);
-        residuals[self.row] = self.muscle.printed_contraction(path.value, z[self.length], force);
+        let force = self.fibre_force(z).value;
+        residuals[self.row] = self.muscle.printed_contraction(self.path_length(z), z[self.length], force);
     }
 }

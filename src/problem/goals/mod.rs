@@ -11,7 +11,7 @@
 pub mod effort;
 pub mod tracking;
 
-pub use effort::{control_use, effort};
+pub use effort::{Effort, control_use, effort, integral};
 pub use tracking::tracking;
 
 use super::quantity::QuantityId;

@@ -1,0 +1,201 @@
+//! `prescribed`: the muscles over time, where the motion is given (physiological inverse approach).
+//!
+//! ```text
+//! minimise   ∫ Σ w e^p + Σ c r² dt            e = a or u
+//! subject to R(t) F + T r = τ(t),   eqs (3), (4),   bounds
+//! ```
+//!
+//! Lengths, velocities, moment arms and τ are known. With `muscle_dynamics = "rigid_tendon"` the fibres are known too and the
+//! moments are linear in a; with `full` the states are fibre length and activation. States are coupled in time within one muscle
+//! only, and muscles with one another by the moments at one time only.
+//!
+//! Sources: C. Pipeleers et al., *J Biomech* 41, 2008; F. De Groote et al., *Ann Biomed Eng* 44, 2016 (the direct collocation of the
+//! muscle redundancy problem).
+
+use std::sync::Arc;
+
+use super::given_motion::GivenMotion;
+use super::known::{self, Known, Law};
+use super::muscle_force::MuscleForce;
+use super::static_optimisation::linear_forces;
+use super::{InverseProblem, MuscleVariables, actuators};
+use crate::model::Model;
+use crate::problem::blocks::activation::Activation;
+use crate::problem::blocks::contraction::{Contraction, Way};
+use crate::problem::blocks::moment_balance::MomentBalance;
+use crate::problem::goals::{Effort, Goal, integral};
+use crate::problem::{AtStart, Bounded, Builder, Kind, QuantityId, Span};
+use crate::settings::{BoundKind, EffortOf, Initial, MuscleDynamics, Settings};
+use crate::transcription::scheme::{Discretisation, quadrature};
+
+/// Weight of a step in activation.
+const STEP_WEIGHT: f64 = 1.0;
+
+/// The problem of a model whose motion is given.
+pub fn problem<'m>(model: &'m Model, settings: &Settings, given: &Arc<GivenMotion<'m>>) -> InverseProblem<'m> {
+    let mut problem = Builder::default();
+    let mut motion = known::motion(&mut problem, model, given);
+    let is_elastic = settings.muscle_dynamics == MuscleDynamics::Full;
+    let law = if is_elastic { Law::Arms } else { Law::Hill };
+    let mut muscles = declare(&mut problem, model, is_elastic);
+    let actuation = given.actuation.clone();
+    let declared = actuators::declare(&mut problem, &actuation);
+    let known = Known::declare(&mut problem, model, given, law);
+
+    motion.equation = problem.equation("moments", given.count(), true);
+    let elastic = if is_elastic { model.muscles.len() } else { 0 };
+    muscles.contraction = problem.equation("contraction", elastic, true);
+    muscles.activation_dynamics = problem.equation("activation", model.muscles.len(), true);
+    muscles.fibre_force = problem.equation("fibre_force", elastic, false);
+    let mut entries = known.of_actuators(declared.map(|(_, controls)| controls));
+    if !is_elastic {
+        entries.extend(known.of_muscles(muscles.a));
+    }
+    problem.block(MomentBalance { rows: motion.equation, needed: known.needed, entries });
+    let forces = if is_elastic {
+        contractions(&mut problem, model, &muscles, &known, motion.equation)
+    } else {
+        linear_forces(model, muscles.a, &known, true)
+    };
+    for (m, muscle) in model.muscles.iter().enumerate() {
+        problem.block(Activation {
+            muscle,
+            activation: muscles.a.at(m),
+            rate: muscles.a_rate.at(m),
+            excitation: muscles.u.at(m),
+            row: muscles.activation_dynamics.at(m),
+            step_weight: STEP_WEIGHT,
+        });
+    }
+    add_limits(&mut problem, model, &muscles, settings);
+    add_start(&mut problem, model, &muscles, settings, given);
+    InverseProblem {
+        model,
+        control: problem.build(elastic),
+        motion,
+        muscles,
+        forces,
+        actuators: actuators::drives(actuation, declared),
+    }
+}
+
+/// The muscles' quantities and variables.
+fn declare(problem: &mut Builder<'_>, model: &Model, is_elastic: bool) -> MuscleVariables {
+    let names = || model.muscles.iter().map(|muscle| muscle.name.clone()).collect::<Vec<String>>();
+    let state = Kind::State { order: 1 };
+    let fibre_length = is_elastic.then(|| problem.quantity("fibre_length", names(), state));
+    let activation = problem.quantity("activation", names(), state);
+    let excitation = problem.quantity("excitation", names(), Kind::Control);
+    let a = problem.read(activation, 0);
+    let [l, l_rate] = [0, 1].map(|level| fibre_length.map_or(Span::EMPTY, |quantity| problem.read(quantity, level)));
+    MuscleVariables {
+        fibre_length,
+        excitation: Some(excitation),
+        l,
+        l_rate,
+        a_rate: problem.read(activation, 1),
+        u: problem.read(excitation, 0),
+        ..MuscleVariables::of_activations(activation, a)
+    }
+}
+
+/// Fibre and tendon of each muscle.
+fn contractions<'m>(
+    problem: &mut Builder<'m>,
+    model: &'m Model,
+    muscles: &MuscleVariables,
+    known: &Known,
+    moments: Span,
+) -> Vec<MuscleForce<'m>> {
+    let mut forces = Vec::new();
+    for (m, muscle) in model.muscles.iter().enumerate() {
+        let (rows, arms) = &known.muscles[m];
+        let contraction = Contraction {
+            muscle,
+            strength: muscle.max_isometric_force / model.weight(),
+            way: Way::Known {
+                length: known.path.at(m),
+                rows: rows.iter().map(|&row| moments.at(row)).collect(),
+                arms: *arms,
+            },
+            activation: muscles.a.at(m),
+            length: muscles.l.at(m),
+            velocity: muscles.l_rate.at(m),
+            excitation: muscles.u.at(m),
+            row: muscles.contraction.at(m),
+            force_row: muscles.fibre_force.at(m),
+            step_weight: STEP_WEIGHT,
+        };
+        problem.block(contraction.clone());
+        forces.push(MuscleForce::Contraction(contraction));
+    }
+    forces
+}
+
+fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariables, settings: &Settings) {
+    let least = settings.min_activation;
+    for kind in settings.bounds.kinds() {
+        for (m, muscle) in model.muscles.iter().enumerate() {
+            let (bounded, bound) = match kind {
+                BoundKind::Activation => (Bounded::Below(muscles.a.at(m)), least),
+                BoundKind::Excitation => (Bounded::Below(muscles.u.at(m)), least),
+                BoundKind::ActivationUpper => (Bounded::Above(muscles.a.at(m)), 1.0),
+                BoundKind::ExcitationUpper => (Bounded::Above(muscles.u.at(m)), 1.0),
+                BoundKind::Force => match muscles.fibre_force.get(m) {
+                    Some(row) => (Bounded::Function(row), 0.0),
+                    None => continue,
+                },
+            };
+            problem.limit(kind.name(), &muscle.name, bounded, bound);
+        }
+    }
+}
+
+/// Conditions at the start: tendons keep their length, so that fibres go with the path.
+fn add_start(
+    problem: &mut Builder<'_>,
+    model: &Model,
+    muscles: &MuscleVariables,
+    settings: &Settings,
+    given: &GivenMotion<'_>,
+) {
+    if settings.initial == Initial::Free {
+        return;
+    }
+    if let Some(state) = muscles.fibre_length {
+        let paths = given.at(0.0).paths.clone();
+        let elastic = model.muscles.iter().enumerate().filter(|(_, muscle)| !muscle.rigid_tendon);
+        for (member, muscle) in elastic {
+            let rate = paths[member][1] / muscle.fibre_along_tendon();
+            problem.at_start(AtStart::Rate { state, member, rate });
+        }
+    }
+    if let (Initial::Steady, Some(control)) = (settings.initial, muscles.excitation) {
+        for member in 0..model.muscles.len() {
+            problem.at_start(AtStart::Steady { state: muscles.activation, control, member });
+        }
+    }
+}
+
+/// The quantity whose powers are the effort.
+pub fn effort_quantity(muscles: &MuscleVariables, settings: &Settings) -> QuantityId {
+    match (settings.effort_of, muscles.excitation) {
+        (EffortOf::Excitation, Some(excitation)) => excitation,
+        _ => muscles.activation,
+    }
+}
+
+/// The criterion over time, by the weights of the scheme.
+pub fn goals(inverse: &InverseProblem<'_>, scheme: &dyn Discretisation, settings: &Settings) -> Vec<Goal> {
+    let instants = quadrature(scheme);
+    let weights = settings.effort_weights(inverse.model);
+    let of = |(time, instant): (f64, f64), (member, weight): (usize, &f64)| Effort {
+        time,
+        member,
+        weight: weight * instant,
+        line: [0.0, 1.0],
+    };
+    let efforts = instants.iter().flat_map(|&at| weights.iter().enumerate().map(move |own| of(at, own)));
+    let own = integral(effort_quantity(&inverse.muscles, settings), settings.effort_power, efforts);
+    [own].into_iter().chain(actuators::use_of(&inverse.actuators, &instants)).collect()
+}

@@ -1,0 +1,251 @@
+//! The instants of a static problem, one after the other.
+
+use super::{InverseProblem, effort};
+use crate::deadline::Deadline;
+use crate::nlp::iterate::Iterate;
+use crate::problem::Bounded;
+use crate::recruitment::{self, Criterion, Failure, Optimum, Programme, Term, missing};
+use crate::settings::{self, Settings};
+use crate::transcription::collocation::Collocation;
+
+/// The loads at all instants.
+pub struct Recruited {
+    pub verdict: Verdict,
+    /// The answer with its multipliers; where an instant has none, what comes nearest.
+    pub iterate: Iterate,
+    /// Points without an answer.
+    pub failed: Vec<usize>,
+    /// Of all programmes.
+    pub iterations: usize,
+    /// The criterion over time, if all instants have an answer.
+    pub value: Option<f64>,
+    /// Smallest and largest mean force (N) of each muscle at nearly the same cost, if asked for.
+    pub near_optimal: Option<Vec<[f64; 2]>>,
+    /// Smallest and largest mean activation of each muscle over all answers that are as good, where they are not unique.
+    pub faces: Option<Vec<[f64; 2]>>,
+}
+
+/// Whether all instants have an answer; if not, why.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Solved,
+    /// No forces carry the load.
+    Infeasible(String),
+    /// A programme could not be solved.
+    Unsolved(String),
+    /// There was no time.
+    Late,
+}
+
+/// Where a variable of the programmes is.
+struct Place {
+    /// Among the variables at an instant.
+    variable: usize,
+    weight: f64,
+    is_muscle: bool,
+    bounds: [f64; 2],
+}
+
+struct Solver<'s> {
+    inverse: &'s InverseProblem<'s>,
+    problem: &'s Collocation<'s>,
+    settings: &'s Settings,
+    row_names: Option<Vec<(String, bool)>>,
+    places: Vec<Place>,
+    deadline: Deadline,
+}
+
+/// Solves all instants. `row_names`: what the rows are, see
+/// [`GivenMotion::row_names`](crate::methods::given_motion::GivenMotion::row_names).
+pub fn recruit(
+    inverse: &InverseProblem<'_>,
+    problem: &Collocation<'_>,
+    settings: &Settings,
+    row_names: Option<Vec<(String, bool)>>,
+    deadline: Deadline,
+) -> Recruited {
+    let weights = settings.effort_weights(inverse.model);
+    let muscle = |(m, weight): (usize, f64)| Place {
+        variable: inverse.muscles.a.at(m),
+        weight,
+        is_muscle: true,
+        bounds: [settings.min_activation, 1.0],
+    };
+    let muscles = weights.into_iter().enumerate().map(muscle);
+    let actuators = inverse.actuators.iter().map(|drive| Place {
+        variable: drive.control,
+        weight: drive.own.weight,
+        is_muscle: false,
+        bounds: drive.own.bounds,
+    });
+    let places = muscles.chain(actuators).collect();
+    Solver { inverse, problem, settings, row_names, places, deadline }.solve()
+}
+
+impl Solver<'_> {
+    fn solve(&self) -> Recruited {
+        let quadrature = self.problem.scheme.quadrature();
+        let complete: Vec<usize> =
+            (0..self.problem.points.len()).filter(|&j| self.problem.points[j].complete).collect();
+        let mut x = vec![0.0; self.problem.scheme.coefficients().total()];
+        let mut found: Vec<(usize, Programme, Result<Optimum, Failure>)> = Vec::new();
+        for &j in &complete {
+            let programme = self.programme(j);
+            let optimum = programme.solve(self.deadline);
+            let nearest = optimum.as_ref().map(|optimum| optimum.x.clone());
+            let nearest =
+                nearest.unwrap_or_else(|_| self.places.iter().map(|place| place.bounds[0].max(0.0)).collect());
+            for (place, value) in self.places.iter().zip(&nearest) {
+                // A control has an unknown of its own at each point.
+                let map = &self.problem.points[j].map.combinations[place.variable];
+                map.iter().filter(|(_, weight)| *weight != 0.0).for_each(|(index, weight)| x[*index] = value / weight);
+            }
+            found.push((j, programme, optimum));
+        }
+        let mut iterate = Iterate::new(self.problem, x);
+        for (j, _, optimum) in &found {
+            if let Ok(optimum) = optimum {
+                self.set_multipliers(*j, quadrature[*j], optimum, &mut iterate);
+            }
+        }
+        let failed: Vec<usize> = found.iter().filter(|(_, _, optimum)| optimum.is_err()).map(|(j, ..)| *j).collect();
+        let solved = found.iter().filter_map(|(j, _, optimum)| Some((*j, optimum.as_ref().ok()?)));
+        let iterations = solved.clone().map(|(_, optimum)| optimum.iterations).sum();
+        let value = solved.map(|(j, optimum)| quadrature[j] * optimum.value).sum();
+        let verdict = self.verdict(&found);
+        let is_solved = verdict == Verdict::Solved;
+        let asked = is_solved && self.settings.near_optimal > 0.0;
+        let near_optimal = if asked { self.ranges(&found, self.settings.near_optimal, Self::force) } else { None };
+        let is_open = is_solved
+            && self.settings.regularity != settings::RegularityMode::Off
+            && self.criterion() == Criterion::Polynomial(1.0);
+        let faces = if is_open { self.ranges(&found, 0.0, |_, _, a| a) } else { None };
+        let value = is_solved.then_some(value);
+        Recruited { verdict, iterate, failed, iterations, value, near_optimal, faces }
+    }
+
+    fn criterion(&self) -> Criterion {
+        match self.settings.criterion {
+            settings::Criterion::Polynomial => Criterion::Polynomial(self.settings.effort_power),
+            settings::Criterion::MinMax => Criterion::MinMax,
+        }
+    }
+
+    /// The programme at a point, from the equations there: they are linear.
+    fn programme(&self, j: usize) -> Programme {
+        let control = &self.inverse.control;
+        let z = self.problem.points[j].map.constants.clone();
+        let mut values = vec![0.0; control.rows()];
+        control.values(&z, &mut values);
+        let mut slopes = vec![0.0; control.slope_pattern().len()];
+        control.slopes(&z, &mut slopes);
+        let mut columns = vec![Vec::new(); self.places.len()];
+        for (&(row, variable), &slope) in control.slope_pattern().iter().zip(&slopes) {
+            if slope != 0.0
+                && let Some(k) = self.places.iter().position(|place| place.variable == variable)
+            {
+                columns[k].push((row, slope));
+            }
+        }
+        let term = |(k, place): (usize, &Place)| {
+            let [offset, scale] = match self.inverse.forces.get(k).filter(|_| place.is_muscle) {
+                Some(force) => effort(force, self.settings.effort_of, &z),
+                None => [0.0, 1.0],
+            };
+            Term { weight: place.weight, offset, scale, bounds: place.bounds, is_muscle: place.is_muscle }
+        };
+        Programme {
+            rows: control.equation_rows(),
+            columns,
+            right: values.iter().map(|value| -value).collect(),
+            terms: self.places.iter().enumerate().map(term).collect(),
+            criterion: self.criterion(),
+        }
+    }
+
+    /// The multipliers of the transcribed problem, in which an instant counts by its weight.
+    fn set_multipliers(&self, j: usize, weight: f64, optimum: &Optimum, iterate: &mut Iterate) {
+        let rows = self.problem.equality_names().into_iter().enumerate();
+        for (row, (_, equation)) in rows.filter(|(_, (point, _))| *point == Some(j)) {
+            iterate.equality_multipliers[row] = -weight * optimum.multipliers[equation];
+        }
+        for (row, bound) in self.problem.bounds.iter().enumerate().filter(|(_, bound)| bound.point == j) {
+            let (multipliers, variable) = match self.problem.limit(bound).bounded {
+                Bounded::Below(variable) => (&optimum.lower, variable),
+                Bounded::Above(variable) => (&optimum.upper, variable),
+                Bounded::Function(_) => continue,
+            };
+            if let Some(k) = self.places.iter().position(|place| place.variable == variable) {
+                iterate.inequality_multipliers[row] = weight * multipliers[k];
+            }
+        }
+    }
+
+    fn verdict(&self, found: &[(usize, Programme, Result<Optimum, Failure>)]) -> Verdict {
+        let failed: Vec<_> =
+            found.iter().filter_map(|(j, p, optimum)| Some((*j, p, *optimum.as_ref().err()?))).collect();
+        let times = self.problem.scheme.points();
+        match failed.iter().find(|(_, _, why)| *why == Failure::Numerical) {
+            _ if failed.is_empty() => return Verdict::Solved,
+            _ if self.deadline.passed() => return Verdict::Late,
+            Some((j, ..)) => {
+                return Verdict::Unsolved(format!("the programme at {:.4} s could not be solved", times[*j]));
+            }
+            None => {}
+        }
+        // The instant where most is missing.
+        let amounts = failed.iter().filter_map(|(j, programme, _)| {
+            let missing = missing(programme)?;
+            let row = missing.largest()?;
+            Some((missing.moments[row].abs(), times[*j], self.lack(row, programme.right[row], missing.moments[row])))
+        });
+        let worst = amounts.max_by(|a, b| a.0.total_cmp(&b.0));
+        let words = worst.map_or_else(
+            || "the muscles cannot carry the load".to_owned(),
+            |(_, time, lack)| format!("the muscles cannot {} at {time:.4} s: {} missing", lack.0, lack.1),
+        );
+        let count = format!("{} of {} instants have no answer", failed.len(), found.len());
+        Verdict::Infeasible(format!("{words}; {count}"))
+    }
+
+    /// What the muscles cannot do, and what is missing, in words.
+    fn lack(&self, row: usize, needed: f64, missing: f64) -> (String, String) {
+        let weight = self.inverse.model.weight();
+        match self.row_names.as_ref().map(|names| &names[row]) {
+            None => ("carry the load".to_owned(), format!("{:.3} % of it is", 100.0 * (missing / needed).abs())),
+            Some((name, is_angle)) => {
+                let unit = if *is_angle { "N m" } else { "N" };
+                let size = |x: f64| format!("{:.3} {unit}", x * weight);
+                (format!("make {} at `{name}`", size(needed)), format!("{} is", size(missing)))
+            }
+        }
+    }
+
+    /// The force (N) of a muscle at a point, a being its activation.
+    fn force(&self, (j, m): (usize, usize), a: f64) -> f64 {
+        let mut z = self.problem.points[j].map.constants.clone();
+        z[self.inverse.muscles.a.at(m)] = a;
+        self.inverse.model.muscles[m].max_isometric_force * self.inverse.forces[m].value(&z)
+    }
+
+    /// Smallest and largest mean over time of what `of` says of a muscle at its smallest and largest activation.
+    fn ranges(
+        &self,
+        found: &[(usize, Programme, Result<Optimum, Failure>)],
+        share: f64,
+        of: fn(&Self, (usize, usize), f64) -> f64,
+    ) -> Option<Vec<[f64; 2]>> {
+        let quadrature = self.problem.scheme.quadrature();
+        let total: f64 = found.iter().map(|(j, ..)| quadrature[*j]).sum();
+        let mut means = vec![[0.0; 2]; self.inverse.forces.len()];
+        for (j, programme, optimum) in found {
+            let ranges: recruitment::Ranges = programme.ranges(optimum.as_ref().ok()?, share, self.deadline).ok()?;
+            for (m, mean) in means.iter_mut().enumerate() {
+                for side in 0..2 {
+                    mean[side] += quadrature[*j] / total * of(self, (*j, m), ranges[m][side]);
+                }
+            }
+        }
+        Some(means)
+    }
+}
