@@ -17,7 +17,7 @@ use crate::outcome::{Outcome, SolutionPoint, Status};
 use crate::plausibility::{self, Warning};
 use crate::prepare::{Failure, Prepared, Task, late};
 use crate::recruited;
-use crate::settings::{Method, MuscleDynamics, RegularityMode, Settings, WarmStart};
+use crate::settings::{EffortOf, Method, MuscleDynamics, RegularityMode, Settings, WarmStart};
 use crate::starts::{Starts, start_at};
 use crate::transcription::collocation::Collocation;
 use crate::warm::Answer;
@@ -101,6 +101,17 @@ fn coarser(task: Task<'_>, clock: Clock) -> Option<Answer> {
     attempt(Task { settings: &settings, points: intervals / 2 + 1, ..task }, StartFrom::Guess, clock).1
 }
 
+/// The answer of a given motion with activations as the effort, which is found more easily, where excitations are. `None` if
+/// they are not.
+fn without_excitations(task: Task<'_>, clock: Clock) -> Option<Answer> {
+    if task.settings.method != Method::Prescribed || task.settings.effort_of != EffortOf::Excitation {
+        return None;
+    }
+    let plain = Settings { regularity: RegularityMode::Off, trajectories: false, ..task.settings.clone() };
+    let settings = Settings { starts: 1, effort_of: EffortOf::Activation, ..plain };
+    attempt(Task { settings: &settings, ..task }, StartFrom::Guess, clock).1
+}
+
 /// Solves a job, turns a failure into an outcome, and adds the warnings.
 fn attempt(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> (Outcome, Option<Answer>) {
     let model = with_settings(task.model, task.settings);
@@ -154,7 +165,10 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
     }
     let begun = Clock::now();
     let warm = match from {
-        StartFrom::Guess => coarser(task, clock).map(|answer| answer.start(&prepared.inverse, &problem)),
+        StartFrom::Guess => {
+            let before = coarser(task, clock).or_else(|| without_excitations(task, clock));
+            before.map(|answer| answer.start(&prepared.inverse, &problem))
+        }
         StartFrom::Answer(answer) => Some(answer.start(&prepared.inverse, &problem)),
         StartFrom::Solution(solution) => Some(start_at(solution, &problem)),
     };
@@ -182,6 +196,11 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
         deadline,
     };
     let mut outcome = analyse(&solved, &mut kkt, &runs);
+    if settings.method == Method::Prescribed && outcome.job.status == Status::Infeasible {
+        let reason = "no activations make the moments of the motion, or not as fast as they change; `reserves` show which";
+        let before = outcome.job.error.take().unwrap_or_default();
+        outcome.job.error = Some(format!("{reason} ({before})"));
+    }
     outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
     outcome.job.remark = (runs.made < settings.starts)

@@ -10,7 +10,7 @@ use crate::methods::InverseProblem;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::polish::active;
 use crate::nlp::sqp::Start;
-use crate::problem::{Equation, Limit, Quantity, QuantityId};
+use crate::problem::{Equation, Kind, Limit, Quantity, QuantityId};
 use crate::transcription::collocation::Collocation;
 use crate::transcription::places::Bound;
 use crate::transcription::scheme::{Discretisation, Trajectory, evaluate};
@@ -58,7 +58,8 @@ impl Answer {
 
     /// The function of this answer with this name.
     fn function(&self, quantity: &str, member: &str) -> Option<(QuantityId, usize)> {
-        let id = self.quantities.iter().position(|own| own.name == quantity)?;
+        let is_own = |own: &Quantity| own.name == quantity && own.kind != Kind::Given;
+        let id = self.quantities.iter().position(is_own)?;
         let member = self.quantities[id].members.iter().position(|own| own == member)?;
         Some((QuantityId(id), member))
     }
@@ -135,8 +136,14 @@ impl Trajectory for Transferred<'_> {
             ("stabiliser", _) => (None, 0, 1.0),
             (name, _) => (find(name), derivative, scale),
         };
-        from.map_or(0.0, |(from, member)| {
-            scale * evaluate(&answer.scheme.at(t * self.stretch, from, member, level), &answer.x)
-        })
+        let at = |(from, member), level| evaluate(&answer.scheme.at(t * self.stretch, from, member, level), &answer.x);
+        match (new.name, from, find("activation")) {
+            // Excitations that were no unknowns are those of eq. (4).
+            ("excitation", None, Some(activation)) => {
+                let (a, rate) = (at(activation, 0), self.stretch * at(activation, 1));
+                self.inverse.model.muscles[member].excitation(a, rate).clamp(0.0, 1.0)
+            }
+            _ => from.map_or(0.0, |from| scale * at(from, level)),
+        }
     }
 }

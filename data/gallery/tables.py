@@ -180,6 +180,68 @@ def arm26(results):
     ]
 
 
+def methods(results):
+    jobs = results.read("methods_arm")
+    ranks = pd.read_parquet(results.folder / "methods_arm/regularity.parquet")[["job_id", "loads_unique"]]
+    jobs = jobs.merge(ranks, on="job_id", how="left")
+    jobs = jobs[(jobs.effort_of == "activation") & ((jobs.method == "static") | (jobs.effort_power == 2))]
+    muscles = pd.read_parquet(results.folder / "methods_arm/muscles.parquet").set_index(["job_id", "muscle"])
+    names = ["biceps", "brachialis", "deltoid_anterior"]
+    lines = [f"| method | muscles | criterion | loads unique | {', '.join(names)}: mean force, N |", "|---" * 5 + "|"]
+    for _, job in jobs.iterrows():
+        def force(name):
+            row = muscles.loc[(job.job_id, name)]
+            near = row.mean_force_near_low_n, row.mean_force_near_high_n
+            return f"{row.mean_force_n:.1f}" + (f" ({near[0]:.1f} to {near[1]:.1f})" if pd.notna(near[0]) else "")
+        # Without ranks, by the intervals of mean activations over equally good answers.
+        own = muscles.loc[job.job_id]
+        is_closed = (own.mean_activation_high - own.mean_activation_low).max() < 1e-6
+        criterion = "min/max" if job.criterion == "min_max" else f"p = {job.effort_power:g}"
+        unique = "yes" if (is_closed if pd.isna(job.loads_unique) else job.loads_unique) else "no"
+        lines.append(f"| {job.method} | {job.muscle_dynamics} | {criterion} | {unique} | {', '.join(map(force, names))} |")
+    return lines
+
+
+def table1_methods(results):
+    rows = results.read("table1_methods", "regularity")
+    lines = ["| scheme | bounds | μ = 0, eq. (1.7): [Aᵀ Jᵀ], predicted | μ = 0.2, eq. (1.8) |", "|---" * 4 + "|"]
+    for (scheme, bounds), own in rows.groupby(["scheme", "bounds"], sort=False):
+        def ranks(mu):
+            row = own[own.mu == mu].iloc[0]
+            predicted = "–" if pd.isna(row.predicted_deficiency_aj) else minus(int(row.predicted_deficiency_aj))
+            return f"{minus(row.deficiency_aj)}, {predicted}: loads {'unique' if row.loads_unique else 'open'}"
+        lines.append(f"| {scheme} | {bounds} | {ranks(0)} | {ranks(0.2)} |")
+    return lines
+
+
+def abduction_methods(results):
+    jobs = results.read("abduction_methods")
+    ratios = pd.read_parquet(results.folder / "abduction_methods/ratios.parquet").set_index("job_id").value
+    muscles = pd.read_parquet(results.folder / "abduction_methods/muscles.parquet").set_index("job_id")
+    girdle, angle = "body.clavicle,scapula.role", "motion.abduction_offset_deg"
+
+    def limits(job):
+        own = muscles.loc[job]
+        teres, latissimus = own[own.muscle == "TeresMajor"], own[own.muscle.str.startswith("LatissimusDorsi")]
+        low, high = "mean_force_near_low_n", "mean_force_near_high_n"
+        return teres[low].sum() / latissimus[high].sum(), teres[high].sum() / latissimus[low].sum()
+
+    lines = ["| girdle | method | muscles | criterion | −10° | 5° | 20° | with abduction the ratio | within 5 % of the effort |"]
+    lines.append("|---" * 9 + "|")
+    for keys, own in jobs.groupby([girdle, "method", "muscle_dynamics", "criterion", "effort_power"], sort=False):
+        own = own[own.status == "converged"].sort_values(angle)
+        values = ratios[own.job_id]
+        change = "falls" if values.iloc[-1] < values.iloc[0] else "rises"
+        near = "–"
+        if keys[1] == "static":
+            (low, high), (later_low, later_high) = limits(own.job_id.iloc[0]), limits(own.job_id.iloc[-1])
+            near = "decided" if later_high < low or later_low > high else "not decided"
+        criterion = "min/max" if keys[3] == "min_max" else f"p = {keys[4]:g}"
+        cells = " | ".join(f"{value:.2f}" for value in values)
+        lines.append(f"| {keys[0]} | {keys[1]} | {keys[2]} | {criterion} | {cells} | {change} | {near} |")
+    return lines
+
+
 TABLES = {
     "table1": lambda results: table1(results, "table1"),
     "table1_starts": lambda results: table1(results, "table1_starts"),
@@ -190,6 +252,9 @@ TABLES = {
     "abduction": abduction,
     "pectoralis": pectoralis,
     "arm26": arm26,
+    "methods": methods,
+    "abduction_methods": abduction_methods,
+    "table1_methods": table1_methods,
 }
 
 

@@ -36,7 +36,7 @@ pub fn dynamic<'m>(model: &'m Model, settings: &Settings, surroundings: &Arc<Sur
     if let (Some(lengths), Initial::Equilibrium) = (muscles.fibre_length, settings.initial) {
         // The fibre of a rigid tendon follows the coordinates.
         let elastic = model.muscles.iter().enumerate().filter(|(_, muscle)| !muscle.rigid_tendon);
-        elastic.for_each(|(member, _)| problem.at_start(AtStart::Rate { state: lengths, member, rate: 0.0 }));
+        elastic.for_each(|(member, _)| problem.at_start(AtStart { state: lengths, member, rate: 0.0 }));
     }
     let control = problem.build(muscles.fibre_force.count);
     InverseProblem { model, control, motion, muscles, forces, actuators }
@@ -191,7 +191,7 @@ fn add_muscles<'m>(
             activation,
             length: muscles.l.at(m),
             velocity: muscles.l_rate.at(m),
-            excitation,
+            excitation: Some(excitation),
             row: muscles.contraction.at(m),
             force_row: muscles.fibre_force.at(m),
             step_weight,
@@ -238,7 +238,7 @@ fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariable
         let is_there = match kind {
             BoundKind::Activation | BoundKind::ActivationUpper => true,
             BoundKind::Excitation | BoundKind::ExcitationUpper => muscles.u.count > 0,
-            BoundKind::Force => muscles.fibre_force.count > 0,
+            BoundKind::Force => true,
         };
         for (m, muscle) in model.muscles.iter().enumerate().filter(|_| is_there) {
             let (bounded, bound) = match kind {
@@ -247,7 +247,10 @@ fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariable
                 BoundKind::ActivationUpper => (Bounded::Above(muscles.a.at(m)), 1.0),
                 BoundKind::ExcitationUpper => (Bounded::Above(muscles.u.at(m)), 1.0),
                 // No tendon pushes (eq. 11).
-                BoundKind::Force => (Bounded::Function(muscles.fibre_force.at(m)), 0.0),
+                BoundKind::Force => match muscles.fibre_force.get(m) {
+                    Some(row) => (Bounded::Function(row), 0.0),
+                    None => (Bounded::Below(muscles.a.at(m)), 0.0),
+                },
             };
             problem.limit(kind.name(), &muscle.name, bounded, bound);
         }

@@ -182,6 +182,13 @@ impl InverseProblem<'_> {
         idle
     }
 
+    /// The excitation of a muscle: an unknown, or what eq. (4) says; `None` without activation dynamics.
+    pub fn excitation(&self, z: &[f64], m: usize) -> Option<f64> {
+        let (a, rate) = (self.muscles.a.at(m), self.muscles.a_rate.get(m));
+        let of_rate = || Some(self.model.muscles[m].excitation(z[a], z[rate?]));
+        self.muscles.u.get(m).map(|u| z[u]).or_else(of_rate)
+    }
+
     /// f_m of a muscle.
     pub fn fibre_force(&self, z: &[f64], muscle: usize) -> f64 {
         self.forces[muscle].value(z)

@@ -53,8 +53,9 @@ pub struct Setting {
     pub has_excitations: bool,
     /// Whether the measured instants fix every motion of the scheme.
     pub motion_is_fixed: bool,
-    /// Whether each activation starts where its excitation holds it; nothing is predicted then.
-    pub is_steady: bool,
+    /// Whether these counts hold: not where the moments of a given motion tie what the objective leaves open, nor with rates of
+    /// activations at the start.
+    pub is_counted: bool,
 }
 
 impl Setting {
@@ -77,7 +78,7 @@ impl Setting {
             sharing: (0..muscles).map(rows).collect(),
             has_excitations: settings.excitation_weight > 0.0 || of_excitations,
             motion_is_fixed: is_given || settings.measured_per_interval() >= settings.points_per_interval(),
-            is_steady: is_given && settings.initial == Initial::Steady,
+            is_counted: !is_given || (!of_excitations && settings.initial != Initial::Steady),
         }
     }
 }
@@ -105,7 +106,7 @@ pub fn predict(
     active: &[usize],
     setting: &Setting,
 ) -> Prediction {
-    if setting.is_steady {
+    if !setting.is_counted {
         return Prediction { a: None, aj: None };
     }
     let model = inverse.model;
@@ -166,8 +167,16 @@ fn active_rows(
     let (a, u) = (muscles.a.at(m), muscles.u.get(m));
     let mut rows = Vec::new();
     for bound in active.iter().map(|&row| &problem.bounds[row]) {
-        let (Bounded::Below(variable) | Bounded::Above(variable)) = problem.limit(bound).bounded else { continue };
+        let limit = problem.limit(bound);
         let map = &problem.points[bound.point].map.combinations;
+        let variable = match limit.bounded {
+            Bounded::Below(variable) | Bounded::Above(variable) => variable,
+            Bounded::Function(function) if limit.member == inverse.model.muscles[m].name && limit.name != "force" => {
+                rows.push(function_row(problem, &locals[bound.point], bound.point, function));
+                continue;
+            }
+            Bounded::Function(_) => continue,
+        };
         if variable == a {
             rows.push(map[a].clone());
         } else if Some(variable) == u {
@@ -175,6 +184,19 @@ fn active_rows(
         }
     }
     rows
+}
+
+/// How a function of a limit changes with the unknowns, z being the variables at its point.
+fn function_row(problem: &Collocation<'_>, z: &[f64], point: usize, function: usize) -> Combination {
+    let control = problem.control;
+    let mut slopes = vec![0.0; control.slope_pattern().len()];
+    control.slopes(z, &mut slopes);
+    let own = control.slope_pattern().iter().zip(slopes).filter(|((row, _), _)| *row == function);
+    let of_variable = |(&(_, variable), slope): (&(usize, usize), f64)| {
+        let terms = problem.points[point].map.combinations[variable].iter();
+        terms.map(move |&(column, weight)| (column, slope * weight)).collect::<Combination>()
+    };
+    own.flat_map(of_variable).collect()
 }
 
 /// What a muscle's excitation at a point is changed by, z being the variables there: `δȧ + s δa`.

@@ -5,7 +5,8 @@
 //! subject to R(t) F + T r = τ(t),   eqs (3), (4),   bounds
 //! ```
 //!
-//! Lengths, velocities, moment arms and τ are known. With `muscle_dynamics = "rigid_tendon"` the fibres are known too and the
+//! Lengths, velocities, moment arms and τ are known. Where activations are the effort, excitations are no unknowns: linear
+//! functions of a and ȧ keep them within their bounds (`blocks::excitation_range`). With `muscle_dynamics = "rigid_tendon"` the fibres are known too and the
 //! moments are linear in a; with `full` the states are fibre length and activation. States are coupled in time within one muscle
 //! only, and muscles with one another by the moments at one time only.
 //!
@@ -22,6 +23,7 @@ use super::{InverseProblem, MuscleVariables, actuators};
 use crate::model::Model;
 use crate::problem::blocks::activation::Activation;
 use crate::problem::blocks::contraction::{Contraction, Way};
+use crate::problem::blocks::excitation_range::ExcitationRange;
 use crate::problem::blocks::moment_balance::MomentBalance;
 use crate::problem::goals::{Effort, Goal, integral};
 use crate::problem::{AtStart, Bounded, Builder, Kind, QuantityId, Span};
@@ -37,7 +39,8 @@ pub fn problem<'m>(model: &'m Model, settings: &Settings, given: &Arc<GivenMotio
     let mut motion = known::motion(&mut problem, model, given);
     let is_elastic = settings.muscle_dynamics == MuscleDynamics::Full;
     let law = if is_elastic { Law::Arms } else { Law::Hill };
-    let mut muscles = declare(&mut problem, model, is_elastic);
+    let has_excitations = settings.effort_of == EffortOf::Excitation;
+    let mut muscles = declare(&mut problem, model, is_elastic, has_excitations);
     let actuation = given.actuation.clone();
     let declared = actuators::declare(&mut problem, &actuation);
     let known = Known::declare(&mut problem, model, given, law);
@@ -45,8 +48,11 @@ pub fn problem<'m>(model: &'m Model, settings: &Settings, given: &Arc<GivenMotio
     motion.equation = problem.equation("moments", given.count(), true);
     let elastic = if is_elastic { model.muscles.len() } else { 0 };
     muscles.contraction = problem.equation("contraction", elastic, true);
-    muscles.activation_dynamics = problem.equation("activation", model.muscles.len(), true);
+    let nm = model.muscles.len();
+    muscles.activation_dynamics = problem.equation("activation", if has_excitations { nm } else { 0 }, true);
     muscles.fibre_force = problem.equation("fibre_force", elastic, false);
+    let [lower, upper] = ["least_excitation", "greatest_excitation"]
+        .map(|name| problem.equation(name, if has_excitations { 0 } else { nm }, false));
     let mut entries = known.of_actuators(declared.map(|(_, controls)| controls));
     if !is_elastic {
         entries.extend(known.of_muscles(muscles.a));
@@ -58,20 +64,23 @@ pub fn problem<'m>(model: &'m Model, settings: &Settings, given: &Arc<GivenMotio
         linear_forces(model, muscles.a, &known, true)
     };
     for (m, muscle) in model.muscles.iter().enumerate() {
-        problem.block(Activation {
-            muscle,
-            activation: muscles.a.at(m),
-            rate: muscles.a_rate.at(m),
-            excitation: muscles.u.at(m),
-            row: muscles.activation_dynamics.at(m),
-            step_weight: STEP_WEIGHT,
-        });
+        let (activation, rate, least) = (muscles.a.at(m), muscles.a_rate.at(m), settings.min_activation);
+        match muscles.u.get(m) {
+            Some(excitation) => {
+                let (row, step_weight) = (muscles.activation_dynamics.at(m), STEP_WEIGHT);
+                problem.block(Activation { muscle, activation, rate, excitation, row, step_weight });
+            }
+            None => {
+                let (lower, upper) = (lower.at(m), upper.at(m));
+                problem.block(ExcitationRange { muscle, least, activation, rate, lower, upper });
+            }
+        }
     }
-    add_limits(&mut problem, model, &muscles, settings);
+    add_limits(&mut problem, model, &muscles, settings, [lower, upper]);
     add_start(&mut problem, model, &muscles, settings, given);
     InverseProblem {
         model,
-        control: problem.build(elastic),
+        control: problem.build(elastic + lower.count + upper.count),
         motion,
         muscles,
         forces,
@@ -80,21 +89,21 @@ pub fn problem<'m>(model: &'m Model, settings: &Settings, given: &Arc<GivenMotio
 }
 
 /// The muscles' quantities and variables.
-fn declare(problem: &mut Builder<'_>, model: &Model, is_elastic: bool) -> MuscleVariables {
+fn declare(problem: &mut Builder<'_>, model: &Model, is_elastic: bool, has_excitations: bool) -> MuscleVariables {
     let names = || model.muscles.iter().map(|muscle| muscle.name.clone()).collect::<Vec<String>>();
     let state = Kind::State { order: 1 };
     let fibre_length = is_elastic.then(|| problem.quantity("fibre_length", names(), state));
     let activation = problem.quantity("activation", names(), state);
-    let excitation = problem.quantity("excitation", names(), Kind::Control);
+    let excitation = has_excitations.then(|| problem.quantity("excitation", names(), Kind::Control));
     let a = problem.read(activation, 0);
     let [l, l_rate] = [0, 1].map(|level| fibre_length.map_or(Span::EMPTY, |quantity| problem.read(quantity, level)));
     MuscleVariables {
         fibre_length,
-        excitation: Some(excitation),
+        excitation,
         l,
         l_rate,
         a_rate: problem.read(activation, 1),
-        u: problem.read(excitation, 0),
+        u: excitation.map_or(Span::EMPTY, |quantity| problem.read(quantity, 0)),
         ..MuscleVariables::of_activations(activation, a)
     }
 }
@@ -121,7 +130,7 @@ fn contractions<'m>(
             activation: muscles.a.at(m),
             length: muscles.l.at(m),
             velocity: muscles.l_rate.at(m),
-            excitation: muscles.u.at(m),
+            excitation: muscles.u.get(m),
             row: muscles.contraction.at(m),
             force_row: muscles.fibre_force.at(m),
             step_weight: STEP_WEIGHT,
@@ -132,21 +141,30 @@ fn contractions<'m>(
     forces
 }
 
-fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariables, settings: &Settings) {
+/// `range`: rows of the functions that bound excitations where these are no unknowns.
+fn add_limits(
+    problem: &mut Builder<'_>,
+    model: &Model,
+    muscles: &MuscleVariables,
+    settings: &Settings,
+    range: [Span; 2],
+) {
     let least = settings.min_activation;
     for kind in settings.bounds.kinds() {
         for (m, muscle) in model.muscles.iter().enumerate() {
-            let (bounded, bound) = match kind {
-                BoundKind::Activation => (Bounded::Below(muscles.a.at(m)), least),
-                BoundKind::Excitation => (Bounded::Below(muscles.u.at(m)), least),
-                BoundKind::ActivationUpper => (Bounded::Above(muscles.a.at(m)), 1.0),
-                BoundKind::ExcitationUpper => (Bounded::Above(muscles.u.at(m)), 1.0),
-                BoundKind::Force => match muscles.fibre_force.get(m) {
-                    Some(row) => (Bounded::Function(row), 0.0),
-                    None => continue,
-                },
+            let function = |rows: Span| rows.get(m).map(|row| (Bounded::Function(row), 0.0));
+            let limit = match (kind, muscles.u.get(m)) {
+                (BoundKind::Activation, _) => Some((Bounded::Below(muscles.a.at(m)), least)),
+                (BoundKind::ActivationUpper, _) => Some((Bounded::Above(muscles.a.at(m)), 1.0)),
+                (BoundKind::Excitation, Some(u)) => Some((Bounded::Below(u), least)),
+                (BoundKind::ExcitationUpper, Some(u)) => Some((Bounded::Above(u), 1.0)),
+                (BoundKind::Excitation, None) => function(range[0]),
+                (BoundKind::ExcitationUpper, None) => function(range[1]),
+                (BoundKind::Force, _) => function(muscles.fibre_force),
             };
-            problem.limit(kind.name(), &muscle.name, bounded, bound);
+            if let Some((bounded, bound)) = limit {
+                problem.limit(kind.name(), &muscle.name, bounded, bound);
+            }
         }
     }
 }
@@ -167,14 +185,12 @@ fn add_start(
         let elastic = model.muscles.iter().enumerate().filter(|(_, muscle)| !muscle.rigid_tendon);
         for (member, muscle) in elastic {
             let rate = paths[member][1] / muscle.fibre_along_tendon();
-            problem.at_start(AtStart::Rate { state, member, rate });
+            problem.at_start(AtStart { state, member, rate });
         }
     }
-    if let (Initial::Steady, Some(control)) = (settings.initial, muscles.excitation) {
-        for member in 0..model.muscles.len() {
-            problem.at_start(AtStart::Steady { state: muscles.activation, control, member });
-        }
-    }
+    // a = u where ȧ = 0.
+    let steady = if settings.initial == Initial::Steady { model.muscles.len() } else { 0 };
+    (0..steady).for_each(|member| problem.at_start(AtStart { state: muscles.activation, member, rate: 0.0 }));
 }
 
 /// The quantity whose powers are the effort.

@@ -64,13 +64,12 @@ pub struct Limit {
     pub bound: f64,
 }
 
-/// A condition at the start of the motion.
+/// A condition at the start of the motion: a state has this rate, 1/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AtStart {
-    /// A function has this rate, 1/s.
-    Rate { state: QuantityId, member: usize, rate: f64 },
-    /// A state is where its control holds it: both are equal.
-    Steady { state: QuantityId, control: QuantityId, member: usize },
+pub struct AtStart {
+    pub state: QuantityId,
+    pub member: usize,
+    pub rate: f64,
 }
 
 /// An optimal-control problem without its goals.

@@ -60,6 +60,12 @@ impl Programme {
         muscles.map(|(term, &x)| term.effort(x)).fold(0.0, f64::max)
     }
 
+    /// The tilted optimum from that of squares with the same tilt.
+    fn from_an_end(&self, power: f64, tilt: Tilt) -> Result<Optimum, Failure> {
+        let squares = minimise_near(self, 2.0, Some(tilt), None)?;
+        minimise_near(self, power, Some(tilt), Some(&squares))
+    }
+
     /// The least `sign · x_i` with f ≤ f* + room.
     fn end(&self, optimum: &Optimum, power: f64, room: f64, (i, sign): (usize, f64)) -> Result<f64, Failure> {
         let term = &self.terms[i];
@@ -76,7 +82,8 @@ impl Programme {
         let near = (power != 2.0).then_some(optimum);
         for _ in 0..MAX_STEPS {
             let tilt = Tilt { variable: i, slope: sign, factor };
-            let found = minimise_near(self, power, Some(tilt), near)?;
+            // From elsewhere if the iteration does not get there from the optimum.
+            let found = minimise_near(self, power, Some(tilt), near).or_else(|_| self.from_an_end(power, tilt))?;
             x = found.x[i];
             let more = found.value - optimum.value;
             let ratio = more / room;

@@ -98,7 +98,7 @@ choices! {
     Initial {
         /// the fibres are at rest initially: l̇_m = 0; where the motion is given, their tendons
         Equilibrium = "equilibrium",
-        /// the same, and a = u (`prescribed`)
+        /// the same, and ȧ = 0, so that a = u (`prescribed`)
         Steady = "steady",
         /// the initial lengths are unknowns; ill-posed, because they affect only the first step
         Free = "free",

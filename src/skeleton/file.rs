@@ -1011,7 +1011,10 @@ impl MuscleEntry {
                 ObstacleEntry::Parts { name, parts } => (name, Some(*parts)),
             };
             if parts.is_some_and(|[first, last]| first > last || last + 1 >= self.path.len()) {
-                let help = format!("the path has {} parts, counted from 0", self.path.len().saturating_sub(1));
+                let help = match self.path.len().checked_sub(2) {
+                    Some(last) => format!("the path has parts 0 to {last}"),
+                    None => "the path has no points, and so no parts".to_owned(),
+                };
                 return Err(Issue::new(
                     &place("surfaces"),
                     format!("`{name}` is assigned to parts that the path does not have"),

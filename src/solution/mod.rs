@@ -17,7 +17,8 @@ use crate::nlp::polish::active;
 use crate::nlp::problem::Problem;
 use crate::numerics::larger;
 use crate::outcome::{JobRow, Status};
-use crate::problem::{Bounded, Kind, QuantityId};
+use crate::problem::{Kind, QuantityId};
+use crate::settings::BoundKind;
 use crate::transcription::collocation::Collocation;
 use crate::transcription::scheme::{Combination, LocalMap, evaluate, gauss};
 
@@ -72,7 +73,7 @@ impl Solution<'_> {
     }
 
     /// Joint reactions at a point, N: unknowns, or what is left of eq. (1) where they are eliminated.
-    fn reactions(&self, z: &[f64]) -> Vec<f64> {
+    pub fn reactions(&self, z: &[f64]) -> Vec<f64> {
         let (motion, mechanics) = (&self.inverse.motion, &self.model().mechanics);
         if motion.reaction.is_some() {
             return motion.reactions.of(z).iter().map(|reaction| self.model().weight() * reaction).collect();
@@ -215,5 +216,5 @@ impl Solution<'_> {
 
 /// Whether an inequality is a condition f_m ≥ 0, which is none of the thesis'.
 pub fn is_force(problem: &Collocation<'_>, row: usize) -> bool {
-    matches!(problem.limit(&problem.bounds[row]).bounded, Bounded::Function(_))
+    problem.limit(&problem.bounds[row]).name == BoundKind::Force.name()
 }

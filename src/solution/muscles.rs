@@ -81,7 +81,7 @@ impl Solution<'_> {
         let lengths: Option<Vec<f64>> = fibres(locals).map(|all| all.iter().map(|fibre| fibre.length).collect());
         let velocities: Option<Vec<f64>> = fibres(complete).map(|all| all.iter().map(|fibre| fibre.velocity).collect());
         let rings = velocities.as_deref().map(ringing);
-        let excitations = variables.u.get(m).map(|u| of(complete, u));
+        let excitations: Option<Vec<f64>> = complete.iter().map(|z| self.inverse.excitation(z, m)).collect();
         MuscleRow {
             muscle: muscle.name.clone(),
             mean_activation_low: None,

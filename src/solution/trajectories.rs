@@ -107,7 +107,8 @@ impl Solution<'_> {
                 push(t, "fibre_length", name, fibre.length, false);
             }
             if complete {
-                muscles.u.get(m).into_iter().for_each(|u| push(t, "excitation", name, z[u], false));
+                let excitation = self.inverse.excitation(z, m);
+                excitation.into_iter().for_each(|u| push(t, "excitation", name, u, false));
                 fibre.into_iter().for_each(|fibre| push(t, "fibre_velocity", name, fibre.velocity, false));
                 push(t, "force_n", name, force.muscle().max_isometric_force * force.value(z), false);
             }

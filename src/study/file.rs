@@ -328,10 +328,11 @@ fn draws(generator: &mut SchemaGenerator) -> Schema {
         generator,
         |value| serde_json::json!({ "anyOf": [{ "type": "array", "items": value, "minItems": 1 }, range] }),
     );
-    // `count`, `seed` and `method` are in the same table; this `seed` is that of the samples, not the setting.
+    // `count`, `seed` and `method` are in the same table; these are those of the samples, not the settings.
     schema.remove("additionalProperties");
     if let Some(properties) = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut) {
         properties.remove("seed");
+        properties.remove("method");
     }
     schema
 }

@@ -154,38 +154,22 @@ impl Discretisation for Radau {
         weights
     }
 
-    /// The conditions at the start. A rate is that at the first point, times h to be of the size of a value; a control has its
-    /// value at t_1 from its polynomial on the first interval.
+    /// The rates at the first point of the functions that have one at the start; times h, to be of the size of a value.
     fn linear(&self) -> Vec<Combination> {
-        let row = |condition: &AtStart| match *condition {
-            AtStart::Rate { state, member, .. } => {
-                let rate = self.function(self.point(1), state, member, 1);
-                rate.into_iter().map(|(i, w)| (i, w * self.h)).collect()
-            }
-            AtStart::Steady { state, control, member } => {
-                let values = lagrange(&self.nodes[1..], 0.0, 0).into_iter().enumerate();
-                let of_control = values.map(|(n, w)| (self.coefficients.index(control, n, member), -w));
-                [(self.coefficients.index(state, 0, member), 1.0)].into_iter().chain(of_control).collect()
-            }
-        };
-        self.starts.iter().map(row).collect()
+        let rate = |start: &AtStart| self.function(self.point(1), start.state, start.member, 1);
+        self.starts.iter().map(|start| rate(start).into_iter().map(|(i, w)| (i, w * self.h)).collect()).collect()
     }
 
     fn linear_constants(&self) -> Vec<f64> {
-        let constant = |condition: &AtStart| match condition {
-            AtStart::Rate { rate, .. } => rate * self.h,
-            AtStart::Steady { .. } => 0.0,
-        };
-        self.starts.iter().map(constant).collect()
+        self.starts.iter().map(|start| start.rate * self.h).collect()
     }
 
     fn settle(&self, x: &mut [f64]) {
-        for ((condition, row), constant) in self.starts.iter().zip(self.linear()).zip(self.linear_constants()) {
-            let (AtStart::Rate { state, member, .. } | AtStart::Steady { state, member, .. }) = *condition;
-            let first = self.coefficients.index(state, 0, member);
-            let own: f64 = row.iter().filter(|(i, _)| *i == first).map(|(_, w)| w).sum();
-            let rest: f64 = row.iter().filter(|(i, _)| *i != first).map(|&(i, w)| w * x[i]).sum();
-            x[first] = (constant - rest) / own;
+        let slope = lagrange(&self.nodes, self.nodes[1], 1);
+        for start in &self.starts {
+            let index = |n| self.coefficients.index(start.state, n, start.member);
+            let rest: f64 = (1..slope.len()).map(|n| slope[n] * x[index(n)]).sum();
+            x[index(0)] = (start.rate * self.h - rest) / slope[0];
         }
     }
 

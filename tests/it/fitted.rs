@@ -11,7 +11,7 @@ use super::support::{folder, root, shared, study};
 
 /// Two links in space and a muscle whose length is 0.3 − 0.02 x + 0.01 y + 0.05 x² + 0.03 x y − 0.04 y²; the third angle
 /// follows the second.
-const ARM: &str = r#"
+pub const ARM: &str = r#"
 name = "fitted arm"
 dimensions = 3
 body = [

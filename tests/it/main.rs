@@ -15,6 +15,7 @@ mod folders;
 mod honest;
 mod inverse_dynamics;
 mod loads;
+mod methods;
 mod nlp;
 mod opensim;
 mod other_readers;

@@ -60,7 +60,7 @@ fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<
     let (motion, muscles, nm) = (&inverse.motion, &inverse.muscles, model.muscles.len());
     let mut functions: Vec<_> = (0..motion.q.count).map(|i| (motion.coordinate, i)).collect();
     functions.extend((0..motion.q.count).map(|i| (motion.velocity.unwrap(), i)));
-    functions.extend((0..nm).flat_map(|m| [(muscles.activation, m), (muscles.fibre_length, m)]));
+    functions.extend((0..nm).flat_map(|m| [(muscles.activation, m), (muscles.fibre_length.unwrap(), m)]));
     let mut x = vec![0.0; scheme.coefficients().total()];
     let sample =
         |time, (quantity, member), target| Sample { time, quantity, members: vec![(member, 1.0)], weight: 1.0, target };
@@ -72,8 +72,8 @@ fn step(model: &Model, stages: usize, start: f64, h: f64, state: &[f64]) -> Vec<
     for (j, &t) in scheme.points().iter().enumerate().skip(1) {
         for m in 0..nm {
             let value = excitation(m, start + t);
-            samples.push(sample(t, (muscles.excitation, m), value));
-            x[scheme.coefficients().index(muscles.excitation, j - 1, m)] = value;
+            samples.push(sample(t, (muscles.excitation.unwrap(), m), value));
+            x[scheme.coefficients().index(muscles.excitation.unwrap(), j - 1, m)] = value;
         }
     }
     let goal = Goal { name: "forward", shape: Shape::Square, samples };
@@ -139,7 +139,7 @@ fn every_case_of_table_1_converges_without_ringing() {
                 let row = outcome.regularity.unwrap();
                 assert_eq!(row.prediction_agrees, Some(true), "{case} {row:?}");
                 if bounds == Bounds::Both {
-                    assert!(outcome.muscles.iter().all(|m| m.ringing < 0.5), "{case} {:?}", outcome.muscles);
+                    assert!(outcome.muscles.iter().all(|m| m.ringing.unwrap() < 0.5), "{case} {:?}", outcome.muscles);
                     // The reactions alternate little relative to their size (they have kinks where a bound becomes
                     // active).
                     let reactions: Vec<f64> = outcome
@@ -186,8 +186,8 @@ fn predicted_deficiencies_hold_for_random_patterns_of_active_bounds() {
                 for k in 0..places.count(muscles.activation) {
                     x[places.index(muscles.activation, k, m)] = if idle[m] { 0.0 } else { rng.random_range(0.05..0.6) };
                 }
-                for j in 0..places.count(muscles.excitation) {
-                    x[places.index(muscles.excitation, j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
+                for j in 0..places.count(muscles.excitation.unwrap()) {
+                    x[places.index(muscles.excitation.unwrap(), j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
                 }
             }
             let active: Vec<usize> = (0..problem.bounds.len())
@@ -228,7 +228,7 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
         for m in 0..5 {
             for k in 0..places.count(muscles.activation) {
                 x[places.index(muscles.activation, k, m)] = 0.2 + 0.01 * (k as f64);
-                x[places.index(muscles.fibre_length, k, m)] = 1.0 + 0.002 * (k * k) as f64;
+                x[places.index(muscles.fibre_length.unwrap(), k, m)] = 1.0 + 0.002 * (k * k) as f64;
             }
         }
         let iterate = Iterate::new(&problem, x);

@@ -44,9 +44,9 @@ fn solve(model: &Model, points: usize, bounds: Bounds) -> Solved {
         x: outcome.iterate.x,
         coefficients: prepared.scheme.coefficients().clone(),
         coordinate: motion.coordinate,
-        length: muscles.fibre_length,
+        length: muscles.fibre_length.unwrap(),
         activation: muscles.activation,
-        excitation: muscles.excitation,
+        excitation: muscles.excitation.unwrap(),
         points,
         spaces: [0, 1, 2].map(|degree| SplineSpace::new(degree, &breakpoints)),
     }

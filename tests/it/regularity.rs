@@ -61,7 +61,7 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
                     *a = if idle[m] { 0.0 } else { rng.random_range(0.05..0.6) };
                 }
                 for j in 0..points {
-                    x[places.index(muscles.excitation, j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
+                    x[places.index(muscles.excitation.unwrap(), j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
                 }
             }
             let active: Vec<usize> = (0..problem.bounds.len())
@@ -107,7 +107,7 @@ fn without_load_sharing_the_count_is_the_muscles_freedom() {
     for m in 0..5 {
         for k in 0..places.count(muscles.activation) {
             x[places.index(muscles.activation, k, m)] = 0.2 + 0.01 * (k as f64);
-            x[places.index(muscles.fibre_length, k, m)] = 1.0 + 0.002 * (k * k) as f64;
+            x[places.index(muscles.fibre_length.unwrap(), k, m)] = 1.0 + 0.002 * (k * k) as f64;
         }
     }
     let iterate = Iterate::new(&problem, x);
@@ -144,7 +144,7 @@ fn on_fine_meshes_pivots_count_as_the_singular_values_do() {
         let places = prepared.scheme.coefficients();
         let mut x = prepared.guess(Deadline::default()).unwrap();
         // One muscle is idle: all but a few of its active bounds on a and u depend on the others.
-        for quantity in [muscles.activation, muscles.excitation] {
+        for quantity in [muscles.activation, muscles.excitation.unwrap()] {
             (0..places.count(quantity)).for_each(|k| x[places.index(quantity, k, 4)] = 0.0);
         }
         let iterate = Iterate::new(&problem, x);

@@ -108,7 +108,7 @@ fn ranks_count_reserves() {
         for m in 0..arm.muscles.len() {
             for k in 0..places.count(inverse.muscles.activation) {
                 x[places.index(inverse.muscles.activation, k, m)] = rng.random_range(0.1..0.6);
-                x[places.index(inverse.muscles.fibre_length, k, m)] = 1.0 + 0.002 * (k * k) as f64;
+                x[places.index(inverse.muscles.fibre_length.unwrap(), k, m)] = 1.0 + 0.002 * (k * k) as f64;
             }
         }
         let active: Vec<usize> =

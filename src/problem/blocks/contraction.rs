@@ -37,7 +37,8 @@ pub struct Contraction<'m> {
     pub activation: usize,
     pub length: usize,
     pub velocity: usize,
-    pub excitation: usize,
+    /// If it is an unknown.
+    pub excitation: Option<usize>,
     pub row: usize,
     /// The row of f_m, which is a function for a limit.
     pub force_row: usize,
@@ -221,7 +222,7 @@ impl Block for Contraction<'_> {
 
     /// The muscle's variables, with the excitation, which eq. (4) couples to the activation.
     fn convex_groups(&self) -> Vec<Vec<usize>> {
-        vec![vec![self.activation, self.length, self.velocity, self.excitation]]
+        vec![[self.activation, self.length, self.velocity].into_iter().chain(self.excitation).collect()]
     }
 
     /// A fibre velocity is measured against `b3 v_max + |l̇|`, the scale on which the force–velocity curve bends.

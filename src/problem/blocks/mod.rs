@@ -7,6 +7,7 @@
 //! | `stabilisation` | constraints on the velocity level (not in the thesis) | its own |
 //! | `contraction` | (3), and the muscle's force | (1), (3) |
 //! | `activation` | (4) | (4) |
+//! | `excitation_range` | bounds on u of (4) without u | functions of limits |
 //! | `force_actuator` | (1.3): a muscle that makes any force | (1) |
 //! | `moment_balance` | (1) where the motion is given, (1.6) | (1) |
 //! | `reserve` | moments that no muscle makes (not in the thesis) | (1) |
@@ -14,6 +15,7 @@
 pub mod activation;
 pub mod contraction;
 pub mod equation_of_motion;
+pub mod excitation_range;
 pub mod force_actuator;
 pub mod joints;
 pub mod moment_balance;
