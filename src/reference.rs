@@ -46,7 +46,9 @@ pub fn keys(kind: FileKind) -> Vec<Key> {
     add(&mut keys, &schema, &schema, "", 0);
     // Tables of a study whose keys are names that it sets have these besides, or instead.
     let is_name = |key: &Key| kind == FileKind::Study && !key.table.is_empty() && NAMES.contains(&key.name.as_str());
-    keys.retain(|key| !is_name(key) || (key.table == "[sweep.sample]" && ["seed", "method"].contains(&key.name.as_str())));
+    keys.retain(|key| {
+        !is_name(key) || (key.table == "[sweep.sample]" && ["seed", "method"].contains(&key.name.as_str()))
+    });
     keys
 }
 

@@ -197,7 +197,8 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
     };
     let mut outcome = analyse(&solved, &mut kkt, &runs);
     if settings.method == Method::Prescribed && outcome.job.status == Status::Infeasible {
-        let reason = "no activations make the moments of the motion, or not as fast as they change; `reserves` show which";
+        let reason =
+            "no activations make the moments of the motion, or not as fast as they change; `reserves` show which";
         let before = outcome.job.error.take().unwrap_or_default();
         outcome.job.error = Some(format!("{reason} ({before})"));
     }

@@ -222,9 +222,11 @@ def abduction_methods(results):
 
     def limits(job):
         own = muscles.loc[job]
+        if own.mean_force_near_low_n.isna().any():
+            return None
         teres, latissimus = own[own.muscle == "TeresMajor"], own[own.muscle.str.startswith("LatissimusDorsi")]
         low, high = "mean_force_near_low_n", "mean_force_near_high_n"
-        return teres[low].sum() / latissimus[high].sum(), teres[high].sum() / latissimus[low].sum()
+        return teres[low].sum() / latissimus[high].sum(), teres[high].sum() / max(latissimus[low].sum(), 1e-9)
 
     lines = ["| girdle | method | muscles | criterion | −10° | 5° | 20° | with abduction the ratio | within 5 % of the effort |"]
     lines.append("|---" * 9 + "|")
@@ -234,8 +236,9 @@ def abduction_methods(results):
         change = "falls" if values.iloc[-1] < values.iloc[0] else "rises"
         near = "–"
         if keys[1] == "static":
-            (low, high), (later_low, later_high) = limits(own.job_id.iloc[0]), limits(own.job_id.iloc[-1])
-            near = "decided" if later_high < low or later_low > high else "not decided"
+            first, last = limits(own.job_id.iloc[0]), limits(own.job_id.iloc[-1])
+            apart = first and last and (last[1] < first[0] or last[0] > first[1])
+            near = "decided" if apart else "not decided"
         criterion = "min/max" if keys[3] == "min_max" else f"p = {keys[4]:g}"
         cells = " | ".join(f"{value:.2f}" for value in values)
         lines.append(f"| {keys[0]} | {keys[1]} | {keys[2]} | {criterion} | {cells} | {change} | {near} |")

@@ -61,7 +61,7 @@ impl Programme {
     }
 
     /// The tilted optimum from that of squares with the same tilt.
-    fn from_an_end(&self, power: f64, tilt: Tilt) -> Result<Optimum, Failure> {
+    fn end_from_squares(&self, power: f64, tilt: Tilt) -> Result<Optimum, Failure> {
         let squares = minimise_near(self, 2.0, Some(tilt), None)?;
         minimise_near(self, power, Some(tilt), Some(&squares))
     }
@@ -83,7 +83,7 @@ impl Programme {
         for _ in 0..MAX_STEPS {
             let tilt = Tilt { variable: i, slope: sign, factor };
             // From elsewhere if the iteration does not get there from the optimum.
-            let found = minimise_near(self, power, Some(tilt), near).or_else(|_| self.from_an_end(power, tilt))?;
+            let found = minimise_near(self, power, Some(tilt), near).or_else(|_| self.end_from_squares(power, tilt))?;
             x = found.x[i];
             let more = found.value - optimum.value;
             let ratio = more / room;

@@ -443,7 +443,7 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
             "mean_force_near_low_n",
             "N",
             "least mean force where the cost is higher by no more than `near_optimal` times the muscles' part of it; null if not \
-             asked for",
+             asked for, or if a programme failed",
             |l| l.row.mean_force_near_low_n,
         ),
         C::number("mean_force_near_high_n", "N", "greatest of these", |l| l.row.mean_force_near_high_n),

@@ -98,7 +98,7 @@ fn static_loads_satisfy_the_equations_of_motion() {
         for j in [1, 4, problem.points.len() - 1] {
             let z = problem.local(j, &found.iterate.x);
             let mut w = control.given_at(problem.scheme.points()[j]);
-            let place = |w: &mut [f64], to: std::ops::Range<usize>, from: &[f64]| w[to].copy_from_slice(&from[..]);
+            let place = |w: &mut [f64], to: std::ops::Range<usize>, from: &[f64]| w[to].copy_from_slice(from);
             let nq = own.motion.q.count;
             place(&mut w, other.inverse.motion.q.range(), &own.motion.all.of(&z)[..nq]);
             place(&mut w, other.inverse.motion.accelerations.range(), own.motion.accelerations.of(&z));
@@ -351,7 +351,14 @@ fn walk() -> Option<Walk> {
     let (muscles_with_strength, strengths) = read("active_strength_millard_opensim.csv");
     let values = |rows: &[Vec<f64>]| rows.iter().map(|row| row[1..].to_vec()).collect::<Vec<_>>();
     let instants = activations.iter().map(|row| row[0]).collect();
-    Some(Walk { study, instants, muscles, muscles_with_strength, strengths: values(&strengths), activations: values(&activations) })
+    Some(Walk {
+        study,
+        instants,
+        muscles,
+        muscles_with_strength,
+        strengths: values(&strengths),
+        activations: values(&activations),
+    })
 }
 
 /// The programme of an instant with these strengths (N) by muscle of the model.

@@ -187,7 +187,8 @@ fn predicted_deficiencies_hold_for_random_patterns_of_active_bounds() {
                     x[places.index(muscles.activation, k, m)] = if idle[m] { 0.0 } else { rng.random_range(0.05..0.6) };
                 }
                 for j in 0..places.count(muscles.excitation.unwrap()) {
-                    x[places.index(muscles.excitation.unwrap(), j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
+                    x[places.index(muscles.excitation.unwrap(), j, m)] =
+                        if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
                 }
             }
             let active: Vec<usize> = (0..problem.bounds.len())

@@ -61,7 +61,8 @@ fn dependent_active_bounds_are_counted_for_random_patterns() {
                     *a = if idle[m] { 0.0 } else { rng.random_range(0.05..0.6) };
                 }
                 for j in 0..points {
-                    x[places.index(muscles.excitation.unwrap(), j, m)] = if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
+                    x[places.index(muscles.excitation.unwrap(), j, m)] =
+                        if idle[m] { 0.0 } else { rng.random_range(0.0..0.5) };
                 }
             }
             let active: Vec<usize> = (0..problem.bounds.len())
