@@ -51,6 +51,14 @@ pub fn outcome(context: &SolvedProblem<'_>, recruited: &Recruited) -> Outcome {
     if status == Status::Converged && settings.regularity != RegularityMode::Off {
         add_uniqueness(&mut outcome, context, recruited);
     }
+    if status == Status::Converged && settings.near_optimal > 0.0 && recruited.near_optimal.is_none() {
+        outcome.job.remark = Some("near-optimal ranges are missing: a programme failed".to_owned());
+    }
+    if status == Status::Converged && context.deadline.passed() {
+        let reason =
+            "solved, but the job reached its time limit before ranges and ranks were complete; raise time_limit_s";
+        (outcome.job.status, outcome.job.error) = (Status::TimeLimit, Some(reason.to_owned()));
+    }
     outcome
 }
 
@@ -63,12 +71,12 @@ fn is_strictly_convex(settings: &Settings) -> bool {
 /// Adds ranks, verdicts and the intervals of mean activations.
 fn add_uniqueness(outcome: &mut Outcome, context: &SolvedProblem<'_>, recruited: &Recruited) {
     let SolvedProblem { problem, settings, deadline, .. } = *context;
-    // What follows a maximum is unique to the end; a sum is as unique as its faces are small.
+    // A sum is as unique as its faces are small.
     for (m, muscle) in outcome.muscles.iter_mut().enumerate() {
         let mean = muscle.mean_activation;
         let [low, high] = match &recruited.faces {
             Some(faces) => faces[m],
-            None if is_strictly_convex(settings) || settings.criterion == Criterion::MinMax => [mean; 2],
+            None if recruited.is_unique => [mean; 2],
             None => continue,
         };
         (muscle.mean_activation_low, muscle.mean_activation_high) = (Some(low.min(mean)), Some(high.max(mean)));

@@ -6,7 +6,7 @@ use std::time::Instant as Clock;
 
 use crate::analysis::{SolvedProblem, analyse};
 use crate::deadline::Deadline;
-use crate::methods::static_optimisation::recruit;
+use crate::methods::static_optimisation::{Rows, recruit};
 use crate::model::Model;
 use crate::motion::MotionTable;
 use crate::nlp::kkt::Kkt;
@@ -141,7 +141,8 @@ fn with_settings<'m>(model: &'m Model, settings: &Settings) -> Cow<'m, Model> {
 /// A job at each of whose instants the loads are shared alone.
 fn recruit_all(prepared: &Prepared<'_>, problem: &Collocation<'_>, settings: &Settings, deadline: Deadline) -> Outcome {
     let begun = Clock::now();
-    let rows = prepared.given.as_ref().and_then(|given| given.row_names());
+    let names = prepared.given.as_ref().and_then(|given| given.row_names());
+    let rows = Rows { names, clock: prepared.measurement.clock };
     let found = recruit(&prepared.inverse, problem, settings, rows, deadline);
     let solve_s = begun.elapsed().as_secs_f64();
     let ranked = Clock::now();
@@ -197,8 +198,8 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
     };
     let mut outcome = analyse(&solved, &mut kkt, &runs);
     if settings.method == Method::Prescribed && outcome.job.status == Status::Infeasible {
-        let reason =
-            "no activations make the moments of the motion, or not as fast as they change; `reserves` show which";
+        let reason = "the muscles cannot produce the moments of this motion, or cannot change them fast enough; add \
+                      `reserves` to see where";
         let before = outcome.job.error.take().unwrap_or_default();
         outcome.job.error = Some(format!("{reason} ({before})"));
     }

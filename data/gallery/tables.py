@@ -204,13 +204,13 @@ def methods(results):
 
 def table1_methods(results):
     rows = results.read("table1_methods", "regularity")
-    lines = ["| scheme | bounds | μ = 0, eq. (1.7): [Aᵀ Jᵀ], predicted | μ = 0.2, eq. (1.8) |", "|---" * 4 + "|"]
-    for (scheme, bounds), own in rows.groupby(["scheme", "bounds"], sort=False):
+    lines = ["| scheme | h, s | μ = 0, eq. (1.7): [Aᵀ Jᵀ], predicted | μ = 0.2, eq. (1.8) |", "|---" * 4 + "|"]
+    for (scheme, h), own in rows.groupby(["scheme", "h"], sort=False):
         def ranks(mu):
             row = own[own.mu == mu].iloc[0]
             predicted = "–" if pd.isna(row.predicted_deficiency_aj) else minus(int(row.predicted_deficiency_aj))
             return f"{minus(row.deficiency_aj)}, {predicted}: loads {'unique' if row.loads_unique else 'open'}"
-        lines.append(f"| {scheme} | {bounds} | {ranks(0)} | {ranks(0.2)} |")
+        lines.append(f"| {scheme} | {h} | {ranks(0)} | {ranks(0.2)} |")
     return lines
 
 
@@ -237,8 +237,8 @@ def abduction_methods(results):
         near = "–"
         if keys[1] == "static":
             first, last = limits(own.job_id.iloc[0]), limits(own.job_id.iloc[-1])
-            apart = first and last and (last[1] < first[0] or last[0] > first[1])
-            near = "decided" if apart else "not decided"
+            if first and last:
+                near = "decided" if last[1] < first[0] or last[0] > first[1] else "not decided"
         criterion = "min/max" if keys[3] == "min_max" else f"p = {keys[4]:g}"
         cells = " | ".join(f"{value:.2f}" for value in values)
         lines.append(f"| {keys[0]} | {keys[1]} | {keys[2]} | {criterion} | {cells} | {change} | {near} |")

@@ -22,7 +22,7 @@ use crate::problem::blocks::passive::PassiveMoment;
 use crate::problem::blocks::reserve::Reserve;
 use crate::problem::blocks::stabilisation::Stabilisation;
 use crate::problem::{AtStart, Bounded, Builder, Goal, Kind, Span, goals};
-use crate::settings::{BoundKind, Initial, LoadSharingGrid, MuscleDynamics, Scheme, Settings};
+use crate::settings::{BoundKind, Bounds, Initial, LoadSharingGrid, MuscleDynamics, Scheme, Settings};
 use crate::transcription::scheme::{Discretisation, gauss};
 
 /// The problem of a model with these settings.
@@ -234,23 +234,18 @@ fn step_weight(settings: &Settings) -> f64 {
 
 fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariables, settings: &Settings) {
     let least = settings.min_activation;
-    for kind in settings.bounds.kinds() {
-        let is_there = match kind {
-            BoundKind::Activation | BoundKind::ActivationUpper => true,
-            BoundKind::Excitation | BoundKind::ExcitationUpper => muscles.u.count > 0,
-            BoundKind::Force => true,
-        };
-        for (m, muscle) in model.muscles.iter().enumerate().filter(|_| is_there) {
+    // A force is always between 0 and F_o (eq. 1.3).
+    let is_force = settings.muscle_dynamics == MuscleDynamics::Force;
+    let kinds = if is_force { Bounds::ActivationBoxed.kinds() } else { settings.bounds.kinds() };
+    for kind in kinds {
+        for (m, muscle) in model.muscles.iter().enumerate() {
             let (bounded, bound) = match kind {
                 BoundKind::Activation => (Bounded::Below(muscles.a.at(m)), least),
                 BoundKind::Excitation => (Bounded::Below(muscles.u.at(m)), least),
                 BoundKind::ActivationUpper => (Bounded::Above(muscles.a.at(m)), 1.0),
                 BoundKind::ExcitationUpper => (Bounded::Above(muscles.u.at(m)), 1.0),
                 // No tendon pushes (eq. 11).
-                BoundKind::Force => match muscles.fibre_force.get(m) {
-                    Some(row) => (Bounded::Function(row), 0.0),
-                    None => (Bounded::Below(muscles.a.at(m)), 0.0),
-                },
+                BoundKind::Force => (Bounded::Function(muscles.fibre_force.at(m)), 0.0),
             };
             problem.limit(kind.name(), &muscle.name, bounded, bound);
         }

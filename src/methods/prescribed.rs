@@ -160,7 +160,9 @@ fn add_limits(
                 (BoundKind::ExcitationUpper, Some(u)) => Some((Bounded::Above(u), 1.0)),
                 (BoundKind::Excitation, None) => function(range[0]),
                 (BoundKind::ExcitationUpper, None) => function(range[1]),
-                (BoundKind::Force, _) => function(muscles.fibre_force),
+                (BoundKind::Force, _) => {
+                    function(muscles.fibre_force).or(Some((Bounded::Below(muscles.a.at(m)), least)))
+                }
             };
             if let Some((bounded, bound)) = limit {
                 problem.limit(kind.name(), &muscle.name, bounded, bound);

@@ -53,6 +53,9 @@ const MAX_DISPLACEMENT_CHANGE: f64 = 5e-3;
 /// Instants beyond both ends of the motion through which splines go, if there are any: what is farther does not matter.
 const MARGIN: usize = 20;
 
+/// Instants of a planar motion that is given.
+const FINE_INSTANTS: usize = 401;
+
 /// Why there is no measurement.
 #[derive(Debug)]
 pub enum MeasurementError {
@@ -178,27 +181,33 @@ impl MotionSettings {
         model: &Model,
         deadline: Deadline,
     ) -> Result<Vec<CubicSpline>, MeasurementError> {
+        let of_table = |t: f64| (t - table.start()) * self.time_scale;
+        let Some(spatial) = model.spatial() else {
+            // Bodies turn about their joints between the rows of a table: instants close to one another keep these closed.
+            let planar = model.planar().expect("a model is planar or spatial");
+            let step = table.duration() / (FINE_INSTANTS - 1) as f64;
+            let at: Vec<f64> = (0..FINE_INSTANTS).map(|i| table.start() + i as f64 * step).collect();
+            let coordinates = self.assembled(table, planar, &at, deadline)?;
+            let spline = |i: usize| {
+                let points = at.iter().map(|&t| of_table(t)).zip(coordinates.iter().map(|q| q[i]));
+                CubicSpline::new(&points.collect::<Vec<_>>(), Ends::Differenced)
+            };
+            return Ok((0..model.mechanics.coordinates()).map(spline).collect());
+        };
         let [first, last] = [table.start(), table.start() + table.duration()];
         let from = table.time.partition_point(|&t| t < first).saturating_sub(MARGIN);
         let to = (table.time.partition_point(|&t| t <= last) + MARGIN).min(table.time.len());
-        let at = &table.time[from..to];
-        let times = || at.iter().map(|t| (t - table.start()) * self.time_scale);
-        let coordinates = match model.spatial() {
-            None => self.assembled(table, model.planar().expect("a model is planar or spatial"), at, deadline)?,
-            Some(spatial) => {
-                let motion = self.joint_motion(table, spatial);
-                let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(at.len());
-                for t in times() {
-                    if deadline.passed() {
-                        return Err(MeasurementError::DeadlinePassed);
-                    }
-                    coordinates.push(motion.measured(t, coordinates.last().map(Vec::as_slice)));
-                }
-                coordinates
+        let times: Vec<f64> = table.time[from..to].iter().map(|&t| of_table(t)).collect();
+        let motion = self.joint_motion(table, spatial);
+        let mut coordinates: Vec<Vec<f64>> = Vec::with_capacity(times.len());
+        for &t in &times {
+            if deadline.passed() {
+                return Err(MeasurementError::DeadlinePassed);
             }
-        };
+            coordinates.push(motion.measured(t, coordinates.last().map(Vec::as_slice)));
+        }
         let spline = |i: usize| {
-            let points: Vec<(f64, f64)> = times().zip(coordinates.iter().map(|q| q[i])).collect();
+            let points: Vec<(f64, f64)> = times.iter().copied().zip(coordinates.iter().map(|q| q[i])).collect();
             CubicSpline::new(&points, Ends::Natural)
         };
         Ok((0..model.mechanics.coordinates()).map(spline).collect())

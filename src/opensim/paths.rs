@@ -24,11 +24,16 @@ pub(super) fn length(path: Element<'_>, muscle: &str, notes: &mut Notes) -> Resu
         let lost = "its functions of moment arms and lengthening speed are ignored: those of the length are used";
         notes.changed(&format!("muscle {muscle}"), lost);
     }
+    let order = function.number("order")?.unwrap_or(0.0);
+    if order < 0.0 || order.fract() != 0.0 {
+        return Err(function.error(format!("the order is {order}"), "give a whole number from 0 to 20"));
+    }
+    let order = order as usize;
     let coordinates = path.text("coordinate_paths").unwrap_or_default();
     let name = |path: &str| path.rsplit('/').next().unwrap_or(path).to_owned();
     Ok(LengthEntry {
         coordinates: coordinates.split_whitespace().map(name).collect(),
-        order: function.number("order")?.unwrap_or(0.0) as usize,
+        order,
         coefficients: function.numbers("coefficients")?.unwrap_or_default(),
     })
 }

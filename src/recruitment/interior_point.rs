@@ -380,6 +380,7 @@ impl<'p> Scaled<'p> {
             x: point.x,
             iterations,
             stages: 0,
+            is_unique: true,
         }
     }
 }

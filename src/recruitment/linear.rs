@@ -150,6 +150,7 @@ impl<'p> Linear<'p> {
             value,
             iterations,
             stages,
+            is_unique: false,
         }
     }
 }
@@ -173,11 +174,12 @@ pub fn sum(programme: &Programme, deadline: Deadline) -> Result<Optimum, Failure
     Ok(linear.optimum(&solution, value, solution.iterations, 1))
 }
 
-/// The least maximum, and the least maximum of the rest, and so on.
+/// The least maximum, and the least maximum of the rest, and so on; reserves and actuators never cost more than with the first.
 pub fn min_max(programme: &Programme, deadline: Deadline) -> Result<Optimum, Failure> {
     let mut bounded = programme.clone();
     let mut rest = muscles(programme);
-    let (mut first, mut iterations, mut stages) = (None, 0, 0);
+    let mut found: Option<(Optimum, f64)> = None;
+    let (mut iterations, mut stages) = (0, 0);
     loop {
         let mut linear = Linear::new(&bounded, true);
         let rows: Vec<usize> = rest.iter().map(|&i| linear.below_maximum(i)).collect();
@@ -185,16 +187,32 @@ pub fn min_max(programme: &Programme, deadline: Deadline) -> Result<Optimum, Fai
         // Without muscles left, the maximum is 0.
         linear.at_least(&[(beta, 1.0)], 0.0);
         let cost = linear.cost();
-        let solution = linear.solve(&cost, deadline)?;
+        let beside = |step: &[f64]| -> f64 { (0..step.len()).filter(|&k| k != beta).map(|k| cost[k] * step[k]).sum() };
+        if let Some((_, limit)) = &found {
+            let others = cost.iter().enumerate().filter(|(k, c)| *k != beta && **c != 0.0);
+            let row: Vec<(usize, f64)> = others.map(|(k, c)| (k, -c)).collect();
+            linear.at_least(&row, -(limit + ROUNDING * (1.0 + limit)));
+        }
+        let solution = match (linear.solve(&cost, deadline), found.take()) {
+            (Ok(solution), before) => {
+                found = before;
+                solution
+            }
+            // Bounds that hold up to rounding: what was found before is as good, but not known to be the end.
+            (Err(_), Some((optimum, _))) if !deadline.passed() => return Ok(optimum),
+            (Err(why), _) => return Err(why),
+        };
         (iterations, stages) = (iterations + solution.iterations, stages + 1);
-        let value: f64 = cost.iter().zip(&solution.step).map(|(c, x)| c * x).sum();
-        let first = *first.get_or_insert(value);
         let maximum = solution.step[beta];
+        let value = found.as_ref().map_or(maximum + beside(&solution.step), |(optimum, _)| optimum.value);
+        let limit = found.as_ref().map_or(beside(&solution.step), |(_, limit)| *limit);
         let total: f64 = rows.iter().map(|&row| solution.inequalities[row]).sum();
         let stays = |row: usize| solution.inequalities[row] > AT_MAXIMUM * total;
         let fixed: Vec<usize> = rest.iter().zip(&rows).filter(|(_, row)| stays(**row)).map(|(i, _)| *i).collect();
-        if maximum < NOTHING_LEFT || fixed.is_empty() || fixed.len() == rest.len() {
-            return Ok(linear.optimum(&solution, first, iterations, stages));
+        let is_end = maximum < NOTHING_LEFT || fixed.len() == rest.len();
+        let optimum = Optimum { is_unique: is_end, ..linear.optimum(&solution, value, iterations, stages) };
+        if is_end || fixed.is_empty() {
+            return Ok(optimum);
         }
         for i in fixed {
             let term = &mut bounded.terms[i];
@@ -203,6 +221,7 @@ pub fn min_max(programme: &Programme, deadline: Deadline) -> Result<Optimum, Fai
             term.bounds[1] = most.max(term.bounds[0]).min(term.bounds[1]);
             rest.retain(|&other| other != i);
         }
+        found = Some((optimum, limit));
     }
 }
 

@@ -78,8 +78,10 @@ pub struct Optimum {
     pub value: f64,
     /// Iterations, of all programmes.
     pub iterations: usize,
-    /// Linear programmes after the first maximum.
+    /// Linear programmes solved, of min/max one for each maximum.
     pub stages: usize,
+    /// Whether the answer is the only one: of strictly convex criteria, and of min/max where nothing is left to lower.
+    pub is_unique: bool,
 }
 
 /// Why there is none.

@@ -12,7 +12,9 @@ use crate::deadline::Deadline;
 
 /// The budget is met to this share.
 const ACCURACY: f64 = 1e-4;
-const MAX_STEPS: usize = 25;
+const MAX_STEPS: usize = 40;
+/// A range that uses this share of the budget is good enough where rounding allows no more.
+const NEAR: f64 = 0.99;
 /// Below this share of the first λ the criterion no longer matters: the bounds and the load end the range.
 const LEAST_FACTOR: f64 = 1e-7;
 /// A criterion that is linear is at its optimum up to this.
@@ -78,27 +80,32 @@ impl Programme {
         let mut factor = first;
         // λ and f − f* at both sides of the budget.
         let (mut small, mut large): (Option<f64>, Option<f64>) = (None, None);
-        let mut x = here;
         let near = (power != 2.0).then_some(optimum);
-        for _ in 0..MAX_STEPS {
+        // The end nearest to the budget on its inner side.
+        let mut inside: Option<(f64, f64)> = None;
+        for step in 0..MAX_STEPS {
             let tilt = Tilt { variable: i, slope: sign, factor };
             // From elsewhere if the iteration does not get there from the optimum.
             let found = minimise_near(self, power, Some(tilt), near).or_else(|_| self.end_from_squares(power, tilt))?;
-            x = found.x[i];
             let more = found.value - optimum.value;
             let ratio = more / room;
             if (ratio - 1.0).abs() <= ACCURACY || (ratio < 1.0 && factor <= LEAST_FACTOR * first) {
-                break;
+                return Ok(found.x[i]);
+            }
+            if ratio < 1.0 && inside.is_none_or(|(best, _)| ratio > best) {
+                inside = Some((ratio, found.x[i]));
             }
             let side = if ratio > 1.0 { &mut small } else { &mut large };
             *side = Some(factor);
             let guess = factor * ratio.clamp(1e-6, 1e6).sqrt();
             factor = match (small, large) {
-                (Some(small), Some(large)) if guess <= small || guess >= large => (small * large).sqrt(),
+                (Some(small), Some(large)) if step % 3 == 2 || guess <= small || guess >= large => {
+                    (small * large).sqrt()
+                }
                 (None, Some(_)) => guess.min(0.5 * factor),
                 _ => guess,
             };
         }
-        Ok(x)
+        inside.filter(|(ratio, _)| *ratio > NEAR).map(|(_, x)| x).ok_or(Failure::Numerical)
     }
 }

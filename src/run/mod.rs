@@ -127,7 +127,9 @@ pub type Solver<'s> = dyn Fn(&Study, &Job, Option<&Answer>) -> (Outcome, Option<
 pub fn run_with(study: &Study, options: &RunOptions, stop: &AtomicBool, solver: &Solver<'_>) -> Result<RunReport> {
     std::fs::create_dir_all(&options.out).map_err(|e| Error::io("create", &options.out, e))?;
     let existing = check_folder(study, options)?;
-    let store = Store::open(&options.out, options.shard, options.fresh)?;
+    // If this run were cut off right now, tables of discarded results would be taken for complete ones.
+    let discard = || write_plan(study, options, existing.clone(), true);
+    let store = Store::open(&options.out, options.shard, options.fresh.then_some(&discard as &dyn Fn() -> Result<()>))?;
     if let Some(note) = version_note(study, &store).filter(|_| !options.outdated) {
         terminal::note(&format!("note: {note}"));
     }

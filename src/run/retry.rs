@@ -6,7 +6,7 @@ use super::store::Store;
 use super::{Solver, solve_catching};
 use crate::names::counted;
 use crate::outcome::{Outcome, Status};
-use crate::settings::Value;
+use crate::settings::{Method, Value};
 use crate::study::change::ModelChange;
 use crate::study::{Job, Study};
 use crate::warm::Answer;
@@ -19,7 +19,10 @@ const NEIGHBOURS: usize = 2;
 /// Failed jobs that may be solved by continuation: those not retried yet, and neither invalid nor panicked.
 pub fn candidates<'s>(study: &'s Study, store: &Store) -> Vec<&'s Job> {
     let may_help = |status| !matches!(status, Status::Converged | Status::Invalid | Status::Panicked);
-    let is_candidate = |job: &&Job| store.get(&job.id).is_some_and(|h| may_help(h.status) && !h.retried);
+    // The instants of a static job have nothing to start from.
+    let is_candidate = |job: &&Job| {
+        job.settings.method != Method::Static && store.get(&job.id).is_some_and(|h| may_help(h.status) && !h.retried)
+    };
     study.jobs.iter().filter(is_candidate).collect()
 }
 
@@ -32,7 +35,7 @@ pub fn solved<'s>(study: &'s Study, store: &Store) -> Vec<&'s Job> {
 /// The outcome of a failed job after the retry. If no attempt succeeds, this is its first outcome with a note added.
 pub fn retry(study: &Study, job: &Job, first: Outcome, solved: &[&Job], solver: &Solver<'_>) -> Outcome {
     let distance = Distance::of(study);
-    let mut near: Vec<&Job> = solved.to_vec();
+    let mut near: Vec<&Job> = solved.iter().copied().filter(|other| other.settings.is_alike(&job.settings)).collect();
     near.sort_by(|a, b| {
         let (a, b) = ((distance.between(a, job), a.index), (distance.between(b, job), b.index));
         a.partial_cmp(&b).expect("distances are finite")

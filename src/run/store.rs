@@ -170,7 +170,10 @@ impl Store {
     ///
     /// # Errors
     /// If another run is using this folder. (Shards share it, each with its own file.)
-    pub fn open(folder: &Path, shard: Option<Shard>, fresh: bool) -> Result<Self> {
+    ///
+    /// With `discard` existing results are removed, after it has made sure that nothing else speaks of them.
+    pub fn open(folder: &Path, shard: Option<Shard>, discard: Option<&dyn Fn() -> Result<()>>) -> Result<Self> {
+        let fresh = discard.is_some();
         let (own, mut file) = Self::own(folder, shard)?;
         let paths = Self::paths(folder)?;
         if fresh {
@@ -178,6 +181,7 @@ impl Store {
             if let Some(held) = others.iter().find(|path| is_locked(path)) {
                 return Err(Error::io("remove", held, std::io::Error::other(BUSY)));
             }
+            discard.map_or(Ok(()), |discard| discard())?;
             for path in others {
                 std::fs::remove_file(path).map_err(|e| Error::io("remove", path, e))?;
             }
@@ -402,7 +406,7 @@ mod tests {
     #[test]
     fn lines_come_back_whatever_happens_to_the_last() {
         let folder = tempfile::tempdir().unwrap();
-        let mut store = Store::open(folder.path(), None, false).unwrap();
+        let mut store = Store::open(folder.path(), None, None).unwrap();
         store.add(&[line("a", &outcome("one"), false, 0), line("b", &outcome("two"), false, 0)]).unwrap();
         store.add(&[line("a", &outcome("three"), true, 0)]).unwrap();
         assert_eq!(store.outcome("a").unwrap(), Some(outcome("three")));
@@ -412,7 +416,7 @@ mod tests {
         let ends: Vec<usize> = (0..whole.len()).filter(|&i| whole[i] == b'\n').map(|i| i + 1).collect();
         for cut in 0..=whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
-            let mut store = Store::open(folder.path(), None, false).unwrap();
+            let mut store = Store::open(folder.path(), None, None).unwrap();
             let kept = ends.iter().filter(|&&end| end <= cut).count();
             let expected = ["", "one", "one", "three"][kept];
             assert_eq!(store.outcome("a").unwrap().and_then(|o| o.job.error).unwrap_or_default(), expected);
@@ -447,11 +451,11 @@ mod tests {
     fn a_later_line_counts_whatever_the_clocks_say() {
         let folder = tempfile::tempdir().unwrap();
         let shard = |index| Some(Shard { index, count: 2 });
-        let mut ahead = Store::open(folder.path(), shard(0), false).unwrap();
+        let mut ahead = Store::open(folder.path(), shard(0), None).unwrap();
         ahead.add(&[line("a", &outcome("one"), false, u64::MAX / 2)]).unwrap(); // a clock far ahead
         let after = ahead.get("a").unwrap().time_ms;
         drop(ahead);
-        let mut store = Store::open(folder.path(), None, false).unwrap();
+        let mut store = Store::open(folder.path(), None, None).unwrap();
         store.add(&[line("a", &outcome("two"), true, after)]).unwrap();
         drop(store);
         assert_eq!(Store::read(folder.path()).unwrap().outcome("a").unwrap(), Some(outcome("two")));
@@ -461,16 +465,16 @@ mod tests {
     fn shards_write_side_by_side_and_a_held_file_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let shard = |index| Some(Shard { index, count: 2 });
-        let mut one = Store::open(folder.path(), shard(0), false).unwrap();
-        let mut two = Store::open(folder.path(), shard(1), false).unwrap();
-        let mut again = Store::open(folder.path(), shard(0), false).unwrap();
+        let mut one = Store::open(folder.path(), shard(0), None).unwrap();
+        let mut two = Store::open(folder.path(), shard(1), None).unwrap();
+        let mut again = Store::open(folder.path(), shard(0), None).unwrap();
         one.add(&[line("a", &outcome("one"), false, 0)]).unwrap();
         two.add(&[line("b", &outcome("two"), false, 0)]).unwrap();
         again.add(&[line("c", &outcome("three"), false, 0)]).unwrap();
         let store = Store::read(folder.path()).unwrap();
         assert!(["a", "b", "c"].iter().all(|id| store.get(id).is_some()));
         assert!(Store::is_in_use(folder.path()));
-        assert!(Store::open(folder.path(), None, true).is_err(), "files in use are not discarded");
+        assert!(Store::open(folder.path(), None, Some(&|| Ok(()))).is_err(), "files in use are not discarded");
         drop((one, two, again));
         assert!(!Store::is_in_use(folder.path()));
     }

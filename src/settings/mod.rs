@@ -43,7 +43,8 @@ pub struct Settings {
     #[serde(skip_serializing_if = "is_zero")]
     pub min_activation: f64,
     /// ε of the near-optimal ranges (`static`): how far each muscle's mean force could be otherwise while the cost is higher by no more
-    /// than ε times the muscles' part of it; 0 for none. Takes two programmes a muscle and instant.
+    /// than ε times the muscles' part of it; 0 for none. Takes up to 50 small
+    /// programmes a muscle and instant.
     #[schemars(range(min = 0.0, max = 10.0))]
     #[serde(skip_serializing_if = "is_zero")]
     pub near_optimal: f64,
@@ -347,6 +348,11 @@ impl Settings {
         at(&self.tracking_weights, coordinate).unwrap_or(1.0)
     }
 
+    /// Whether both have the same unknowns, so that the answer of one is a start for the other.
+    pub fn is_alike(&self, other: &Self) -> bool {
+        (self.method, self.muscle_dynamics) == (other.method, other.muscle_dynamics) && self.method != Method::Static
+    }
+
     /// The weight of a muscle's effort relative to the mean of all.
     pub fn effort_weights(&self, model: &Model) -> Vec<f64> {
         let of = |muscle: &Musculotendon| match self.effort_weight {
@@ -445,7 +451,11 @@ impl Settings {
             same.load_sharing_grid = own.load_sharing_grid;
         }
         if self.muscle_dynamics == MuscleDynamics::Force {
-            same.passive_forces = true;
+            (same.passive_forces, same.effort_of) = (true, own.effort_of);
+            (same.bounds, same.excitation_weight, same.initial) = (own.bounds, 0.0, own.initial);
+        }
+        if self.muscle_dynamics == MuscleDynamics::RigidTendon && self.initial != Initial::Steady {
+            same.initial = own.initial;
         }
         if self.scheme == Scheme::Midpoint {
             (same.stages, same.initial) = (1, Initial::Equilibrium);

@@ -205,7 +205,15 @@ impl Solution<'_> {
     fn control_effort(&self) -> f64 {
         let quantities = self.inverse.control.quantities.iter().enumerate();
         let controls = quantities.filter(|(_, quantity)| quantity.kind == Kind::Control);
-        controls.map(|(id, _)| self.square(QuantityId(id))).sum()
+        let unknown: f64 = controls.map(|(id, _)| self.square(QuantityId(id))).sum();
+        if self.inverse.muscles.u.count > 0 {
+            return unknown;
+        }
+        // Excitations that are no unknowns, at the points where eq. (4) gives them.
+        let (locals, muscles) = (self.complete_locals(), 0..self.inverse.forces.len());
+        let square =
+            |z: &Vec<f64>| muscles.clone().filter_map(|m| self.inverse.excitation(z, m)).map(|u| u * u).sum::<f64>();
+        unknown + self.weights().iter().zip(&locals).map(|(weight, z)| weight * square(z)).sum::<f64>()
     }
 
     /// ∫ f dt over the motion.

@@ -17,8 +17,8 @@ use crate::error::{Issue, Mistakes, nearest};
 use crate::model::Model;
 use crate::motion::{HIGHEST_CUTOFF, MotionTable};
 use crate::settings::{
-    BoundKind, EffortOf, Initial, InvalidValue, Method, MuscleDynamics, RegularityMode, Scheme, Settings, Value,
-    WarmStart,
+    BoundKind, Criterion, EffortOf, Initial, InvalidValue, Method, MuscleDynamics, RegularityMode, Scheme, Settings,
+    Value, WarmStart,
 };
 
 /// Everything that determines a job's result. The job's id is its hash.
@@ -419,7 +419,7 @@ impl<'m> Plan<'m> {
                         before.swept[axis] == swept[axis]
                     };
                     settings.warm_start == WarmStart::Neighbour
-                        && settings.method == Method::Dynamic
+                        && settings.is_alike(&before.settings)
                         && in_block < MAX_BLOCK
                         && sweep.axes.iter().take(others).all(alike)
                 });
@@ -525,6 +525,14 @@ impl<'m> Plan<'m> {
     pub fn check_settings(&self, jobs: &[Job]) -> std::result::Result<(), Issue> {
         for job in jobs {
             self.check_method(&job.settings)?;
+            let has_least = job.settings.method == Method::Static
+                || job.settings.muscle_dynamics == MuscleDynamics::Force
+                || job.settings.bounds.kinds().contains(&BoundKind::Activation);
+            if job.settings.min_activation > 0.0 && !has_least {
+                let message = format!("found bounds = \"{}\"", job.settings.bounds.name());
+                let help = "min_activation bounds activations: set bounds = \"both\", or another with activation";
+                return Err(complaint_at(self.place("min_activation"), InvalidValue::new(message, help)));
+            }
             if job.settings.method != Method::Static
                 && job.settings.effort_power != 2.0
                 && !job.settings.bounds.kinds().contains(&BoundKind::Activation)
@@ -571,6 +579,11 @@ impl<'m> Plan<'m> {
         let is_static = method == Method::Static;
         let unfit = [
             ("criterion", is_static || settings.criterion == own.criterion, quoted(settings.criterion.name())),
+            (
+                "effort_weight",
+                settings.criterion != Criterion::MinMax || settings.effort_weight == own.effort_weight,
+                quoted(settings.effort_weight.name()),
+            ),
             ("near_optimal", is_static || settings.near_optimal == 0.0, settings.near_optimal.to_string()),
             ("effort_of", has_effort, quoted(settings.effort_of.name())),
             (
@@ -582,8 +595,7 @@ impl<'m> Plan<'m> {
         match unfit.into_iter().find(|(_, fits, _)| !fits) {
             None => Ok(()),
             Some((name, _, value)) => {
-                let help =
-                    "the method does not have it; methods with settings of their own can be jobs of a [[sweep.list]]";
+                let help = "this method, or this criterion, has no such setting; give each method its own [[sweep]]";
                 refused(name, of_method(name, &value), help)
             }
         }

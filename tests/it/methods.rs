@@ -83,7 +83,8 @@ fn static_loads_satisfy_the_equations_of_motion() {
         let model = study.model_of(job).unwrap();
         let prepared = prepare(&model, &study.motion, &job.settings, job.points);
         let problem = prepared.transcribe();
-        let rows = prepared.given.as_ref().unwrap().row_names();
+        let names = prepared.given.as_ref().unwrap().row_names();
+        let rows = sinew::internals::methods::Rows { names, clock: 0.0 };
         let found =
             sinew::internals::methods::recruit(&prepared.inverse, &problem, &job.settings, rows, Deadline::default());
         let solved = sinew::internals::solution::Solution {

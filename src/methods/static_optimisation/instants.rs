@@ -2,17 +2,23 @@
 
 use super::{InverseProblem, effort};
 use crate::deadline::Deadline;
+use crate::methods::muscle_force::{LinearForce, MuscleForce};
 use crate::nlp::iterate::Iterate;
 use crate::problem::Bounded;
 use crate::recruitment::{self, Criterion, Failure, Optimum, Programme, Term, missing};
 use crate::settings::{self, Settings};
 use crate::transcription::collocation::Collocation;
 
+/// Passive moments above this share of what is missing are named.
+const PASSIVE_SHARE: f64 = 0.1;
+
 /// The loads at all instants.
 pub struct Recruited {
     pub verdict: Verdict,
     /// The answer with its multipliers; where an instant has none, what comes nearest.
     pub iterate: Iterate,
+    /// Whether all answers are the only ones; see [`Optimum::is_unique`].
+    pub is_unique: bool,
     /// Points without an answer.
     pub failed: Vec<usize>,
     /// Of all programmes.
@@ -46,22 +52,30 @@ struct Place {
     bounds: [f64; 2],
 }
 
+/// What messages need.
+pub struct Rows {
+    /// The joint coordinate of each row, and whether it is an angle; see
+    /// [`GivenMotion::row_names`](crate::methods::given_motion::GivenMotion::row_names).
+    pub names: Option<Vec<(String, bool)>>,
+    /// The start of the motion in the time of its file, s.
+    pub clock: f64,
+}
+
 struct Solver<'s> {
     inverse: &'s InverseProblem<'s>,
     problem: &'s Collocation<'s>,
     settings: &'s Settings,
-    row_names: Option<Vec<(String, bool)>>,
+    rows: Rows,
     places: Vec<Place>,
     deadline: Deadline,
 }
 
-/// Solves all instants. `row_names`: what the rows are, see
-/// [`GivenMotion::row_names`](crate::methods::given_motion::GivenMotion::row_names).
+/// Solves all instants.
 pub fn recruit(
     inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     settings: &Settings,
-    row_names: Option<Vec<(String, bool)>>,
+    rows: Rows,
     deadline: Deadline,
 ) -> Recruited {
     let weights = settings.effort_weights(inverse.model);
@@ -79,7 +93,7 @@ pub fn recruit(
         bounds: drive.own.bounds,
     });
     let places = muscles.chain(actuators).collect();
-    Solver { inverse, problem, settings, row_names, places, deadline }.solve()
+    Solver { inverse, problem, settings, rows, places, deadline }.solve()
 }
 
 impl Solver<'_> {
@@ -110,6 +124,7 @@ impl Solver<'_> {
         }
         let failed: Vec<usize> = found.iter().filter(|(_, _, optimum)| optimum.is_err()).map(|(j, ..)| *j).collect();
         let solved = found.iter().filter_map(|(j, _, optimum)| Some((*j, optimum.as_ref().ok()?)));
+        let is_unique = solved.clone().all(|(_, optimum)| optimum.is_unique);
         let iterations = solved.clone().map(|(_, optimum)| optimum.iterations).sum();
         let value = solved.map(|(j, optimum)| quadrature[j] * optimum.value).sum();
         let verdict = self.verdict(&found);
@@ -121,7 +136,7 @@ impl Solver<'_> {
             && self.criterion() == Criterion::Polynomial(1.0);
         let faces = if is_open { self.ranges(&found, 0.0, |_, _, a| a) } else { None };
         let value = is_solved.then_some(value);
-        Recruited { verdict, iterate, failed, iterations, value, near_optimal, faces }
+        Recruited { verdict, iterate, is_unique, failed, iterations, value, near_optimal, faces }
     }
 
     fn criterion(&self) -> Criterion {
@@ -189,36 +204,73 @@ impl Solver<'_> {
             _ if failed.is_empty() => return Verdict::Solved,
             _ if self.deadline.passed() => return Verdict::Late,
             Some((j, ..)) => {
-                return Verdict::Unsolved(format!("the programme at {:.4} s could not be solved", times[*j]));
+                let time = times[*j] + self.rows.clock;
+                return Verdict::Unsolved(format!("the programme at {time:.4} s could not be solved"));
             }
             None => {}
         }
         // The instant where most is missing.
-        let amounts = failed.iter().filter_map(|(j, programme, _)| {
-            let missing = missing(programme)?;
-            let row = missing.largest()?;
-            Some((missing.moments[row].abs(), times[*j], self.lack(row, programme.right[row], missing.moments[row])))
-        });
-        let worst = amounts.max_by(|a, b| a.0.total_cmp(&b.0));
-        let words = worst.map_or_else(
-            || "the muscles cannot carry the load".to_owned(),
-            |(_, time, lack)| format!("the muscles cannot {} at {time:.4} s: {} missing", lack.0, lack.1),
-        );
+        let mut worst: Option<(f64, String)> = None;
+        for (j, programme, _) in &failed {
+            let time = times[*j] + self.rows.clock;
+            let Some(missing) = missing(programme) else { continue };
+            let Some(row) = missing.largest() else { continue };
+            if missing.is_none() {
+                return Verdict::Unsolved(format!("the programme at {time:.4} s could not be solved"));
+            }
+            let size = missing.moments[row].abs();
+            if worst.as_ref().is_none_or(|(most, _)| size > *most) {
+                worst = Some((size, self.lack(*j, programme, row, &missing.moments)));
+            }
+        }
+        let words = worst.map_or_else(|| "the muscles cannot carry the load".to_owned(), |(_, words)| words);
         let count = format!("{} of {} instants have no answer", failed.len(), found.len());
         Verdict::Infeasible(format!("{words}; {count}"))
     }
 
-    /// What the muscles cannot do, and what is missing, in words.
-    fn lack(&self, row: usize, needed: f64, missing: f64) -> (String, String) {
-        let weight = self.inverse.model.weight();
-        match self.row_names.as_ref().map(|names| &names[row]) {
-            None => ("carry the load".to_owned(), format!("{:.3} % of it is", 100.0 * (missing / needed).abs())),
+    /// What the muscles cannot do at a point, what is missing, and whose passive forces work against it, in words.
+    fn lack(&self, j: usize, programme: &Programme, row: usize, missing: &[f64]) -> String {
+        let (weight, time) = (self.inverse.model.weight(), self.problem.scheme.points()[j] + self.rows.clock);
+        let passive = self.passive_moments(j, programme, row);
+        let needed = programme.right[row] + passive.iter().map(|(_, moment)| moment).sum::<f64>();
+        let against: Vec<&str> = passive
+            .iter()
+            .filter(|(_, moment)| moment * missing[row] < 0.0 && moment.abs() > PASSIVE_SHARE * missing[row].abs())
+            .map(|(name, _)| *name)
+            .collect();
+        let passive = match against[..] {
+            [] => String::new(),
+            _ => format!(" (passive forces of {} work against it)", against.join(", ")),
+        };
+        match self.rows.names.as_ref().map(|names| &names[row]) {
+            None => {
+                let size = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
+                let share = 100.0 * size(missing) / size(&programme.right).max(f64::MIN_POSITIVE);
+                format!("the muscles cannot carry the load at {time:.4} s: {share:.1} % of it are missing")
+            }
             Some((name, is_angle)) => {
                 let unit = if *is_angle { "N m" } else { "N" };
                 let size = |x: f64| format!("{:.3} {unit}", x * weight);
-                (format!("make {} at `{name}`", size(needed)), format!("{} is", size(missing)))
+                let (needed, missing) = (size(needed), size(missing[row]));
+                format!("the muscles cannot make {needed} at `{name}` at {time:.4} s: {missing} are missing{passive}")
             }
         }
+    }
+
+    /// Muscles with passive moments in a row, in its unit.
+    fn passive_moments(&self, j: usize, programme: &Programme, row: usize) -> Vec<(&str, f64)> {
+        let z = &self.problem.points[j].map.constants;
+        let muscles = self.inverse.model.muscles.iter().zip(&self.inverse.forces).zip(&programme.columns);
+        let mut all = Vec::new();
+        for ((muscle, force), column) in muscles {
+            let MuscleForce::Linear(LinearForce { known: Some(known), .. }) = force else { continue };
+            let Some((_, factor)) = column.iter().find(|(own, _)| *own == row) else { continue };
+            let moment = factor * z[known.passive] / z[known.strength];
+            if moment != 0.0 && moment.is_finite() {
+                all.push((muscle.name.as_str(), moment));
+            }
+        }
+        all
     }
 
     /// The force (N) of a muscle at a point, a being its activation.

@@ -20,7 +20,7 @@ pub mod start;
 
 use std::sync::Arc;
 
-pub use instants::{Recruited, Verdict, recruit};
+pub use instants::{Recruited, Rows, Verdict, recruit};
 
 use super::given_motion::GivenMotion;
 use super::known::{self, Known, Law};
