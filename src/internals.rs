@@ -16,7 +16,7 @@ pub mod error {
 pub mod methods {
     pub use crate::methods::InverseProblem;
     pub use crate::methods::dynamic::dynamic;
-    pub use crate::methods::static_optimisation::{Rows, recruit};
+    pub use crate::methods::static_optimisation::{Labels, recruit};
     pub mod given_motion {
         pub use crate::methods::given_motion::{GivenMotion, Instant};
     }

@@ -6,7 +6,7 @@ use std::time::Instant as Clock;
 
 use crate::analysis::{SolvedProblem, analyse};
 use crate::deadline::Deadline;
-use crate::methods::static_optimisation::{Rows, recruit};
+use crate::methods::static_optimisation::{Labels, recruit};
 use crate::model::Model;
 use crate::motion::MotionTable;
 use crate::nlp::kkt::Kkt;
@@ -142,8 +142,8 @@ fn with_settings<'m>(model: &'m Model, settings: &Settings) -> Cow<'m, Model> {
 fn recruit_all(prepared: &Prepared<'_>, problem: &Collocation<'_>, settings: &Settings, deadline: Deadline) -> Outcome {
     let begun = Clock::now();
     let names = prepared.given.as_ref().and_then(|given| given.row_names());
-    let rows = Rows { names, clock: prepared.measurement.clock };
-    let found = recruit(&prepared.inverse, problem, settings, rows, deadline);
+    let labels = Labels { names, clock: prepared.measurement.clock };
+    let found = recruit(&prepared.inverse, problem, settings, labels, deadline);
     let solve_s = begun.elapsed().as_secs_f64();
     let ranked = Clock::now();
     let (inverse, measurement) = (&prepared.inverse, &prepared.measurement);

@@ -67,9 +67,9 @@ pub fn drives<'m>(all: Vec<Actuation<'m>>, declared: Option<(QuantityId, Span)>)
     all.into_iter().zip(controls.range()).map(|(own, control)| Drive { own, quantity, control }).collect()
 }
 
-/// Their part of the criterion over time, `∫ Σ c r² dt`; `instants`: times (s) and weights.
-pub fn use_of(drives: &[Drive<'_>], instants: &[(f64, f64)]) -> Option<Goal> {
+/// Their part of the objective, `½ factor² Σ c r²` over `instants`: times (s) and weights.
+pub fn use_of(drives: &[Drive<'_>], factor: f64, instants: &[(f64, f64)]) -> Option<Goal> {
     let first = drives.first()?;
-    let weights: Vec<f64> = drives.iter().map(|drive| (2.0 * drive.own.weight).sqrt()).collect();
+    let weights: Vec<f64> = drives.iter().map(|drive| factor * drive.own.weight.sqrt()).collect();
     Some(control_use("reserve_use", first.quantity, &weights, instants))
 }

@@ -302,11 +302,7 @@ pub fn goals(
             let own = excitation_instants(scheme, &instants, settings);
             all.push(goals::control_use("excitation", excitation, &weights, &own));
         }
-        if let Some(drive) = inverse.actuators.first() {
-            let weights: Vec<f64> =
-                inverse.actuators.iter().map(|drive| settings.mu * drive.own.weight.sqrt()).collect();
-            all.push(goals::control_use("reserve_use", drive.quantity, &weights, &instants));
-        }
+        all.extend(actuators::use_of(&inverse.actuators, settings.mu, &instants));
     }
     all
 }

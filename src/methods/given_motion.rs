@@ -132,11 +132,7 @@ impl<'m> GivenMotion<'m> {
         let motion = self.motion(t);
         let [q, velocity, acceleration] = &motion;
         let loads = self.surroundings.loads(t);
-        let mut force = vec![0.0; mechanics.coordinates()];
-        mechanics.force(Motion { q, velocity, acceleration }, &loads, &mut force);
-        for (number, element) in model.spatial().iter().flat_map(|spatial| spatial.passive()) {
-            force[number] -= element.at(q[number], velocity[number]).value;
-        }
+        let force = model.needed_forces(Motion { q, velocity, acceleration }, &loads);
         let directions = self.rows.directions(mechanics, q);
         let project = |vector: &[(usize, f64)], rows: &[usize]| match &directions {
             None => vector.to_vec(),

@@ -140,16 +140,12 @@ impl InverseProblem<'_> {
     /// What eq. (1) leaves to joint reactions at an instant, by coordinate: inertial forces less loads, passive moments, muscles
     /// and actuators, N or N m.
     pub fn generalised_forces(&self, z: &[f64]) -> Vec<f64> {
-        let (motion, mechanics) = (&self.motion, self.model.mechanics.as_ref());
+        let motion = &self.motion;
         let q = motion.all.of(z);
         let velocity = motion.rates.map_or(&[][..], |span| span.of(z));
         let (loads, _) = motion.loads.of(z).as_chunks::<3>();
-        let mut forces = vec![0.0; motion.q.count];
         let moves = Motion { q, velocity, acceleration: motion.all_accelerations.of(z) };
-        mechanics.force(moves, loads, &mut forces);
-        for (number, element) in self.model.spatial().iter().flat_map(|spatial| spatial.passive()) {
-            forces[number] -= element.at(q[number], velocity[number]).value;
-        }
+        let mut forces = self.model.needed_forces(moves, loads);
         for force in &self.forces {
             let muscle = force.muscle();
             let mut path = muscle.path.buffer();

@@ -13,6 +13,7 @@
 //! Sources: C. Pipeleers et al., *J Biomech* 41, 2008; F. De Groote et al., *Ann Biomed Eng* 44, 2016 (the direct collocation of the
 //! muscle redundancy problem).
 
+use std::f64::consts::SQRT_2;
 use std::sync::Arc;
 
 use super::given_motion::GivenMotion;
@@ -26,7 +27,7 @@ use crate::problem::blocks::contraction::{Contraction, Way};
 use crate::problem::blocks::excitation_range::ExcitationRange;
 use crate::problem::blocks::moment_balance::MomentBalance;
 use crate::problem::goals::{Effort, Goal, integral};
-use crate::problem::{AtStart, Bounded, Builder, Kind, QuantityId, Span};
+use crate::problem::{AtStart, Bounded, Builder, Kind, Span};
 use crate::settings::{BoundKind, EffortOf, Initial, MuscleDynamics, Settings};
 use crate::transcription::scheme::{Discretisation, quadrature};
 
@@ -195,14 +196,6 @@ fn add_start(
     (0..steady).for_each(|member| problem.at_start(AtStart { state: muscles.activation, member, rate: 0.0 }));
 }
 
-/// The quantity whose powers are the effort.
-pub fn effort_quantity(muscles: &MuscleVariables, settings: &Settings) -> QuantityId {
-    match (settings.effort_of, muscles.excitation) {
-        (EffortOf::Excitation, Some(excitation)) => excitation,
-        _ => muscles.activation,
-    }
-}
-
 /// The criterion over time, by the weights of the scheme.
 pub fn goals(inverse: &InverseProblem<'_>, scheme: &dyn Discretisation, settings: &Settings) -> Vec<Goal> {
     let instants = quadrature(scheme);
@@ -214,6 +207,8 @@ pub fn goals(inverse: &InverseProblem<'_>, scheme: &dyn Discretisation, settings
         line: [0.0, 1.0],
     };
     let efforts = instants.iter().flat_map(|&at| weights.iter().enumerate().map(move |own| of(at, own)));
-    let own = integral(effort_quantity(&inverse.muscles, settings), settings.effort_power, efforts);
-    [own].into_iter().chain(actuators::use_of(&inverse.actuators, &instants)).collect()
+    // Excitations are unknowns where they are the effort.
+    let quantity = inverse.muscles.excitation.unwrap_or(inverse.muscles.activation);
+    let own = integral(quantity, settings.effort_power, efforts);
+    [own].into_iter().chain(actuators::use_of(&inverse.actuators, SQRT_2, &instants)).collect()
 }

@@ -26,6 +26,7 @@ use std::sync::Arc;
 
 use crate::entries::Actuator;
 use crate::skeleton::Skeleton;
+use mechanics::Motion;
 use planar::Planar;
 use spatial::Spatial;
 
@@ -65,6 +66,18 @@ impl Model {
         };
         let actuators = spatial.skeleton.actuators.iter().filter(drives).cloned().collect();
         Self { name: spatial.skeleton.name.clone(), actuators, mechanics: Arc::new(spatial), muscles }
+    }
+
+    /// Inertial forces less gravity, external loads and passive moments, by coordinate that moves by forces, N or N m; see
+    /// [`Mechanics::force`].
+    pub fn needed_forces(&self, motion: Motion<'_>, loads: &[[f64; 3]]) -> Vec<f64> {
+        let (q, velocity) = (motion.q, motion.velocity);
+        let mut forces = vec![0.0; self.mechanics.coordinates()];
+        self.mechanics.force(motion, loads, &mut forces);
+        for (number, element) in self.spatial().iter().flat_map(|spatial| spatial.passive()) {
+            forces[number] -= element.at(q[number], velocity[number]).value;
+        }
+        forces
     }
 
     /// The same model with external loads on bodies of its skeleton: names and bodies. A planar one has none.

@@ -83,9 +83,9 @@ fn static_loads_satisfy_the_equations_of_motion() {
         let prepared = prepare(&model, &study.motion, &job.settings, job.points);
         let problem = prepared.transcribe();
         let names = prepared.given.as_ref().unwrap().row_names();
-        let rows = sinew::internals::methods::Rows { names, clock: 0.0 };
+        let labels = sinew::internals::methods::Labels { names, clock: 0.0 };
         let found =
-            sinew::internals::methods::recruit(&prepared.inverse, &problem, &job.settings, rows, Deadline::default());
+            sinew::internals::methods::recruit(&prepared.inverse, &problem, &job.settings, labels, Deadline::default());
         let solved = sinew::internals::solution::Solution {
             inverse: &prepared.inverse,
             problem: &problem,

@@ -15,7 +15,7 @@ const PASSIVE_SHARE: f64 = 0.1;
 /// The loads at all instants.
 pub struct Recruited {
     pub verdict: Verdict,
-    /// The answer with its multipliers; where an instant has none, what comes nearest.
+    /// The answer with its multipliers; where an instant has none, activations are at their lower bounds.
     pub iterate: Iterate,
     /// Whether all answers are the only ones; see [`Optimum::is_unique`].
     pub is_unique: bool,
@@ -53,7 +53,7 @@ struct Place {
 }
 
 /// What messages need.
-pub struct Rows {
+pub struct Labels {
     /// The joint coordinate of each row, and whether it is an angle; see
     /// [`GivenMotion::row_names`](crate::methods::given_motion::GivenMotion::row_names).
     pub names: Option<Vec<(String, bool)>>,
@@ -65,8 +65,10 @@ struct Solver<'s> {
     inverse: &'s InverseProblem<'s>,
     problem: &'s Collocation<'s>,
     settings: &'s Settings,
-    rows: Rows,
+    labels: Labels,
     places: Vec<Place>,
+    /// Which place a variable has, if any.
+    place_of: Vec<Option<usize>>,
     deadline: Deadline,
 }
 
@@ -75,7 +77,7 @@ pub fn recruit(
     inverse: &InverseProblem<'_>,
     problem: &Collocation<'_>,
     settings: &Settings,
-    rows: Rows,
+    labels: Labels,
     deadline: Deadline,
 ) -> Recruited {
     let weights = settings.effort_weights(inverse.model);
@@ -92,8 +94,10 @@ pub fn recruit(
         is_muscle: false,
         bounds: drive.own.bounds,
     });
-    let places = muscles.chain(actuators).collect();
-    Solver { inverse, problem, settings, rows, places, deadline }.solve()
+    let places: Vec<Place> = muscles.chain(actuators).collect();
+    let mut place_of = vec![None; inverse.control.variables()];
+    places.iter().enumerate().for_each(|(k, place)| place_of[place.variable] = Some(k));
+    Solver { inverse, problem, settings, labels, places, place_of, deadline }.solve()
 }
 
 impl Solver<'_> {
@@ -106,10 +110,9 @@ impl Solver<'_> {
         for &j in &complete {
             let programme = self.programme(j);
             let optimum = programme.solve(self.deadline);
-            let nearest = optimum.as_ref().map(|optimum| optimum.x.clone());
-            let nearest =
-                nearest.unwrap_or_else(|_| self.places.iter().map(|place| place.bounds[0].max(0.0)).collect());
-            for (place, value) in self.places.iter().zip(&nearest) {
+            let least = || self.places.iter().map(|place| place.bounds[0].max(0.0)).collect();
+            let values: Vec<f64> = optimum.as_ref().map_or_else(|_| least(), |optimum| optimum.x.clone());
+            for (place, value) in self.places.iter().zip(&values) {
                 // A control has an unknown of its own at each point.
                 let map = &self.problem.points[j].map.combinations[place.variable];
                 map.iter().filter(|(_, weight)| *weight != 0.0).for_each(|(index, weight)| x[*index] = value / weight);
@@ -117,11 +120,9 @@ impl Solver<'_> {
             found.push((j, programme, optimum));
         }
         let mut iterate = Iterate::new(self.problem, x);
-        for (j, _, optimum) in &found {
-            if let Ok(optimum) = optimum {
-                self.set_multipliers(*j, quadrature[*j], optimum, &mut iterate);
-            }
-        }
+        let mut optima = vec![None; self.problem.points.len()];
+        found.iter().for_each(|(j, _, optimum)| optima[*j] = optimum.as_ref().ok());
+        self.set_multipliers(&optima, &mut iterate);
         let failed: Vec<usize> = found.iter().filter(|(_, _, optimum)| optimum.is_err()).map(|(j, ..)| *j).collect();
         let solved = found.iter().filter_map(|(j, _, optimum)| Some((*j, optimum.as_ref().ok()?)));
         let is_unique = solved.clone().all(|(_, optimum)| optimum.is_unique);
@@ -156,9 +157,7 @@ impl Solver<'_> {
         control.slopes(&z, &mut slopes);
         let mut columns = vec![Vec::new(); self.places.len()];
         for (&(row, variable), &slope) in control.slope_pattern().iter().zip(&slopes) {
-            if slope != 0.0
-                && let Some(k) = self.places.iter().position(|place| place.variable == variable)
-            {
+            if let Some(k) = self.place_of[variable].filter(|_| slope != 0.0) {
                 columns[k].push((row, slope));
             }
         }
@@ -178,20 +177,22 @@ impl Solver<'_> {
         }
     }
 
-    /// The multipliers of the transcribed problem, in which an instant counts by its weight.
-    fn set_multipliers(&self, j: usize, weight: f64, optimum: &Optimum, iterate: &mut Iterate) {
-        let rows = self.problem.equality_names().into_iter().enumerate();
-        for (row, (_, equation)) in rows.filter(|(_, (point, _))| *point == Some(j)) {
-            iterate.equality_multipliers[row] = -weight * optimum.multipliers[equation];
+    /// The multipliers of the transcribed problem, in which an instant counts by its weight. `optima`: by point.
+    fn set_multipliers(&self, optima: &[Option<&Optimum>], iterate: &mut Iterate) {
+        let quadrature = self.problem.scheme.quadrature();
+        for (row, (point, equation)) in self.problem.equality_names().into_iter().enumerate() {
+            let Some((j, optimum)) = point.and_then(|j| Some((j, optima[j]?))) else { continue };
+            iterate.equality_multipliers[row] = -quadrature[j] * optimum.multipliers[equation];
         }
-        for (row, bound) in self.problem.bounds.iter().enumerate().filter(|(_, bound)| bound.point == j) {
+        for (row, bound) in self.problem.bounds.iter().enumerate() {
+            let Some(optimum) = optima[bound.point] else { continue };
             let (multipliers, variable) = match self.problem.limit(bound).bounded {
                 Bounded::Below(variable) => (&optimum.lower, variable),
                 Bounded::Above(variable) => (&optimum.upper, variable),
                 Bounded::Function(_) => continue,
             };
-            if let Some(k) = self.places.iter().position(|place| place.variable == variable) {
-                iterate.inequality_multipliers[row] = weight * multipliers[k];
+            if let Some(k) = self.place_of[variable] {
+                iterate.inequality_multipliers[row] = quadrature[bound.point] * multipliers[k];
             }
         }
     }
@@ -204,7 +205,7 @@ impl Solver<'_> {
             _ if failed.is_empty() => return Verdict::Solved,
             _ if self.deadline.passed() => return Verdict::Late,
             Some((j, ..)) => {
-                let time = times[*j] + self.rows.clock;
+                let time = times[*j] + self.labels.clock;
                 return Verdict::Unsolved(format!("the programme at {time:.4} s could not be solved"));
             }
             None => {}
@@ -212,7 +213,7 @@ impl Solver<'_> {
         // The instant where most is missing.
         let mut worst: Option<(f64, String)> = None;
         for (j, programme, _) in &failed {
-            let time = times[*j] + self.rows.clock;
+            let time = times[*j] + self.labels.clock;
             let Some(missing) = missing(programme) else { continue };
             let Some(row) = missing.largest() else { continue };
             if missing.is_none() {
@@ -230,7 +231,7 @@ impl Solver<'_> {
 
     /// What the muscles cannot do at a point, what is missing, and whose passive forces work against it, in words.
     fn lack(&self, j: usize, programme: &Programme, row: usize, missing: &[f64]) -> String {
-        let (weight, time) = (self.inverse.model.weight(), self.problem.scheme.points()[j] + self.rows.clock);
+        let (weight, time) = (self.inverse.model.weight(), self.problem.scheme.points()[j] + self.labels.clock);
         let passive = self.passive_moments(j, programme, row);
         let needed = programme.right[row] + passive.iter().map(|(_, moment)| moment).sum::<f64>();
         let against: Vec<&str> = passive
@@ -242,7 +243,7 @@ impl Solver<'_> {
             [] => String::new(),
             _ => format!(" (passive forces of {} work against it)", against.join(", ")),
         };
-        match self.rows.names.as_ref().map(|names| &names[row]) {
+        match self.labels.names.as_ref().map(|names| &names[row]) {
             None => {
                 let size = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
                 let share = 100.0 * size(missing) / size(&programme.right).max(f64::MIN_POSITIVE);

@@ -18,9 +18,10 @@
 mod instants;
 pub mod start;
 
+use std::f64::consts::SQRT_2;
 use std::sync::Arc;
 
-pub use instants::{Recruited, Rows, Verdict, recruit};
+pub use instants::{Labels, Recruited, Verdict, recruit};
 
 use super::given_motion::GivenMotion;
 use super::known::{self, Known, Law};
@@ -90,7 +91,7 @@ pub fn goals(inverse: &InverseProblem<'_>, scheme: &dyn Discretisation, settings
         weights.iter().enumerate().map(of).collect::<Vec<Effort>>()
     });
     let own = integral(inverse.muscles.activation, settings.effort_power, efforts);
-    [own].into_iter().chain(actuators::use_of(&inverse.actuators, &instants)).collect()
+    [own].into_iter().chain(actuators::use_of(&inverse.actuators, SQRT_2, &instants)).collect()
 }
 
 /// o and s of a muscle's effort e = o + s a; z: what is known.
