@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Paths under `src/` that determine the numerical results of a job.
 const SOURCES: [&str; 25] = [
     "analysis.rs",
-    "curves.rs",
+    "curves",
     "deadline.rs",
     "entries.rs",
     "guess.rs",

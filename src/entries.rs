@@ -3,13 +3,19 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::curves::ForceVelocity;
+use crate::curves::{ActivationDynamics, ActivationLaw, ForceVelocity, MillardParameters, MuscleCurves, Shape};
 use crate::error::{Issue, nearest};
 use crate::names;
 
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CurvesEntry {
+    /// The curves of muscles, unless a study sets `muscle_curves`.
+    #[serde(skip_serializing_if = "is_default")]
+    pub family: MuscleCurves,
+    /// How activations follow excitations, unless a study sets it.
+    #[serde(skip_serializing_if = "is_default")]
+    pub activation_dynamics: ActivationDynamics,
     /// Force at infinite lengthening velocity relative to the isometric force, eq. (8).
     pub eccentric_limit: f64,
     /// Curvature of the shortening branch, b3 of eq. (9); between 0 and 1.
@@ -19,8 +25,17 @@ pub struct CurvesEntry {
 impl Default for CurvesEntry {
     fn default() -> Self {
         let curve = ForceVelocity::default();
-        Self { eccentric_limit: curve.eccentric_limit, shortening_curvature: curve.shortening }
+        Self {
+            family: MuscleCurves::default(),
+            activation_dynamics: ActivationDynamics::default(),
+            eccentric_limit: curve.eccentric_limit,
+            shortening_curvature: curve.shortening,
+        }
     }
+}
+
+pub fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl CurvesEntry {
@@ -43,6 +58,61 @@ impl CurvesEntry {
             ));
         }
         Ok(curve)
+    }
+}
+
+/// What the entry of a muscle says about its fibre beside its size.
+#[derive(Clone, Copy, Debug)]
+pub struct FibreEntry {
+    pub activation_time: f64,
+    pub deactivation_time: f64,
+    pub activation_steepness: Option<f64>,
+    pub damping: Option<f64>,
+    pub active_width: Option<f64>,
+    pub millard: Option<MillardParameters>,
+}
+
+/// A checked [`FibreEntry`].
+#[derive(Clone, Copy, Debug)]
+pub struct Fibre {
+    pub activation: ActivationLaw,
+    pub damping: f64,
+    pub shape: Shape,
+}
+
+/// b of OpenSim's class.
+const STEEPNESS: f64 = 0.1;
+
+impl FibreEntry {
+    /// # Errors
+    /// If a number is out of its range.
+    pub fn check(
+        &self,
+        muscle: &str,
+        family: ActivationDynamics,
+        force_velocity: ForceVelocity,
+    ) -> std::result::Result<Fibre, Issue> {
+        let key = |key: &'static str| ["muscle", muscle, key];
+        let (damping, active_width) = (self.damping.unwrap_or(0.0), self.active_width.unwrap_or(1.0));
+        let steepness = self.activation_steepness.unwrap_or(STEEPNESS);
+        positive(&key("activation_time"), self.activation_time, "s")?;
+        positive(&key("deactivation_time"), self.deactivation_time, "s")?;
+        positive(&key("activation_steepness"), steepness, "0.1 in OpenSim, 10 switches sharply")?;
+        positive(&key("active_width"), active_width, "1 is the published width")?;
+        if !(damping >= 0.0 && damping.is_finite()) {
+            let help = "it must be at least 0; 0.1 is usual";
+            return Err(Issue::new(&key("damping"), format!("found {damping}"), help));
+        }
+        let millard = self.millard.unwrap_or_default();
+        if let Some(defect) = millard.defect() {
+            let help = "compare with the defaults in data/README.md";
+            return Err(Issue::new(&key("millard"), defect, help));
+        }
+        Ok(Fibre {
+            activation: ActivationLaw { family, up: self.activation_time, down: self.deactivation_time, steepness },
+            damping,
+            shape: Shape { force_velocity, active_width, millard },
+        })
     }
 }
 

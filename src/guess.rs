@@ -12,7 +12,6 @@
 //! DEPARTURE [thesis, Paper B, eq. 24]: the tendon velocity comes from the splines through neighbouring points. Solving
 //! eq. (24) for it point by point would invert the flat ends of the force–velocity curve.
 
-use crate::curves::active_force_length;
 use crate::deadline::Deadline;
 use crate::methods::InverseProblem;
 use crate::model::{Model, Musculotendon};
@@ -93,10 +92,7 @@ impl<'g> Guess<'g> {
                 .zip(&forces[m])
                 .map(|(&t, force)| {
                     let l = state.value(&length, t, 0);
-                    let v = state.value(&length, t, 1) / muscle.max_shortening_velocity;
-                    let active = active_force_length(l).value.max(0.05) * muscle.force_velocity.at(v).value;
-                    let passive = muscle.passive_curve(l).value;
-                    ((force / muscle.pennation_angle.cos() - passive) / active).clamp(0.0, 1.0)
+                    muscle.activation_at(*force, l, state.value(&length, t, 1))
                 })
                 .collect();
             activation_splines.push(fit(&state, &times, &activations, SMOOTHING)?);

@@ -5,7 +5,8 @@ pub mod compare {
     pub use crate::compare::{Tolerances, compare};
 }
 pub mod curves {
-    pub use crate::curves::{active_force_length, passive_force_length, tendon_force};
+    pub use crate::curves::thesis::{active_force_length, passive_force_length, tendon_force};
+    pub use crate::curves::{ActivationDynamics, MuscleCurves};
 }
 pub mod deadline {
     pub use crate::deadline::Deadline;

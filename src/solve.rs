@@ -127,13 +127,20 @@ fn attempt(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> (Outcome, Optio
 /// The model with what settings say about all of its muscles.
 fn with_settings<'m>(model: &'m Model, settings: &Settings) -> Cow<'m, Model> {
     let is_rigid = settings.muscle_dynamics == MuscleDynamics::RigidTendon;
-    if !is_rigid && settings.passive_forces {
+    let own_curves = settings.muscle_curves.is_none() && settings.activation_dynamics.is_none();
+    if !is_rigid && settings.passive_forces && own_curves {
         return Cow::Borrowed(model);
     }
     let mut changed = model.clone();
     for muscle in &mut changed.muscles {
         muscle.rigid_tendon |= is_rigid;
         muscle.has_passive_force &= settings.passive_forces;
+        if let Some(family) = settings.muscle_curves {
+            muscle.set_curves(family);
+        }
+        if let Some(family) = settings.activation_dynamics {
+            muscle.activation.family = family;
+        }
     }
     Cow::Owned(changed)
 }

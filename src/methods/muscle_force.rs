@@ -71,7 +71,7 @@ impl<'m> MuscleForce<'m> {
             Self::Linear(own) => {
                 let [path, rate] = own.known?.path?.map(|variable| z[variable]);
                 let length = own.muscle.fibre_length(path, self.value(z).max(0.0));
-                Some(Fibre { length, velocity: rate / own.muscle.fibre_along_tendon() })
+                Some(Fibre { length, velocity: own.muscle.fibre_velocity(length, rate) })
             }
         }
     }

@@ -210,7 +210,7 @@ fn excitation_row(
     let muscles = &inverse.muscles;
     let (a, rate, u) = (muscles.a.at(m), muscles.a_rate.at(m), muscles.u.at(m));
     let map = &problem.points[point].map.combinations;
-    let slope = inverse.model.muscles[m].activation_residual(z[a], z[rate], z[u]).gradient[0];
+    let slope = -inverse.model.muscles[m].activation.rate(z[a], z[u]).slopes[0];
     let mut row = map[rate].clone();
     row.extend(map[a].iter().map(|&(column, weight)| (column, slope * weight)));
     row

@@ -187,7 +187,9 @@ fn add_start(
         let paths = given.at(0.0).paths.clone();
         let elastic = model.muscles.iter().enumerate().filter(|(_, muscle)| !muscle.rigid_tendon);
         for (member, muscle) in elastic {
-            let rate = paths[member][1] / muscle.fibre_along_tendon();
+            let [path, rate] = paths[member];
+            // cos α of an unloaded tendon.
+            let rate = muscle.fibre_velocity(muscle.fibre_length(path, 0.0), rate);
             problem.at_start(AtStart { state, member, rate });
         }
     }

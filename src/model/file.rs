@@ -13,8 +13,8 @@ use super::joint::{Joint, JointKind};
 use super::musculotendon::Musculotendon;
 use super::path::{Path, StraightPath};
 use super::planar::Planar;
-use crate::curves::ForceVelocity;
-use crate::entries::{ActuatorEntry, CurvesEntry, finite, named, positive, unique};
+use crate::curves::{ForceVelocity, MillardParameters};
+use crate::entries::{ActuatorEntry, CurvesEntry, FibreEntry, finite, named, positive, unique};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 use crate::names;
 
@@ -28,7 +28,7 @@ pub struct ModelFile {
     /// Acceleration of gravity in the ground frame, m/s².
     #[serde(default = "earth")]
     pub gravity: [f64; 2],
-    /// Shape of the force–velocity curve.
+    /// The muscles' curves.
     #[serde(default)]
     pub curves: CurvesEntry,
     /// Rigid bodies. The body `ground` is predefined.
@@ -132,6 +132,14 @@ pub struct MuscleEntry {
     /// Largest shortening velocity, optimal fibre lengths per second.
     #[serde(default = "thesis_velocity")]
     pub max_shortening_velocity: f64,
+    /// How sharply activation dynamics switch between the time constants (`degroote_fregly_2016`); 0.1 if absent.
+    pub activation_steepness: Option<f64>,
+    /// Force of a passive damper beside the fibre at the maximum shortening velocity, maximum isometric forces; 0 if absent.
+    pub damping: Option<f64>,
+    /// Width of the active force–length curve relative to the published one (`degroote_fregly_2016`); 1 if absent.
+    pub active_width: Option<f64>,
+    /// Shape of the curves (`millard_2012`).
+    pub millard: Option<MillardParameters>,
     /// Origin, via points, insertion: at least two points.
     pub path: Vec<PointEntry>,
 }
@@ -356,8 +364,6 @@ impl ModelFile {
         positive(&key("max_isometric_force"), m.max_isometric_force, "N")?;
         positive(&key("optimal_fibre_length"), m.optimal_fibre_length, "m")?;
         positive(&key("tendon_slack_length"), m.tendon_slack_length, "m")?;
-        positive(&key("activation_time"), m.activation_time, "s")?;
-        positive(&key("deactivation_time"), m.deactivation_time, "s")?;
         positive(&key("max_shortening_velocity"), m.max_shortening_velocity, "optimal fibre lengths per second")?;
         if !(0.0..85.0).contains(&m.pennation_angle_deg) {
             return Err(Issue::new(
@@ -394,16 +400,26 @@ impl ModelFile {
                 "origin and insertion must be on different bodies for the muscle to act on a joint",
             ));
         }
+        let fibre = FibreEntry {
+            activation_time: m.activation_time,
+            deactivation_time: m.deactivation_time,
+            activation_steepness: m.activation_steepness,
+            damping: m.damping,
+            active_width: m.active_width,
+            millard: m.millard,
+        };
+        let fibre = fibre.check(&m.name, self.curves.activation_dynamics, force_velocity)?;
         Ok(Musculotendon {
             name: m.name.clone(),
             max_isometric_force: m.max_isometric_force,
             optimal_fibre_length: m.optimal_fibre_length,
             tendon_slack_length: m.tendon_slack_length,
             pennation_angle: m.pennation_angle_deg.to_radians(),
-            activation_time: m.activation_time,
-            deactivation_time: m.deactivation_time,
+            activation: fibre.activation,
             max_shortening_velocity: m.max_shortening_velocity,
-            force_velocity,
+            damping: fibre.damping,
+            shape: fibre.shape,
+            curves: self.curves.family.with(&fibre.shape),
             rigid_tendon: false,
             has_passive_force: true,
             path: Path::Straight(path),

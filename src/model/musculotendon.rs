@@ -1,8 +1,12 @@
-//! The Hill musculotendon: a fibre (contractile and parallel elastic element) in series with a tendon,
-//! at a constant pennation angle (thesis, Paper B eqs 3, 4, 6, 7 and Figure 1).
+//! The Hill musculotendon: a fibre (contractile and parallel elastic element) in series with a tendon
+//! (thesis, Paper B eqs 3, 4, 6, 7 and Figure 1), with the curves of a family.
+//!
+//! The pennation angle α is constant as in the thesis, or the muscle keeps its thickness, `l sin α = sin α_o`, as the curves have it.
+
+use std::sync::Arc;
 
 use super::path::Path;
-use crate::curves::{ForceVelocity, Jet, active_force_length, passive_force_length, tendon_force, tendon_strain};
+use crate::curves::{ActivationLaw, Curves, Jet, MuscleCurves, Shape};
 
 #[derive(Clone, Debug)]
 pub struct Musculotendon {
@@ -13,21 +17,25 @@ pub struct Musculotendon {
     pub optimal_fibre_length: f64,
     /// L_s, m
     pub tendon_slack_length: f64,
-    /// θ, rad, constant during motion
+    /// α_o, rad: at the optimal fibre length
     pub pennation_angle: f64,
-    /// τ_act, s
-    pub activation_time: f64,
-    /// τ_deact, s
-    pub deactivation_time: f64,
+    pub activation: ActivationLaw,
     /// Optimal fibre lengths a second. The thesis does not divide by one: 1; about 10 is physiological.
     pub max_shortening_velocity: f64,
-    pub force_velocity: ForceVelocity,
+    /// β: force of a passive damper beside the fibre at the maximum shortening velocity, F_o. Not part of the passive force that
+    /// [`Musculotendon::has_passive_force`] leaves out.
+    pub damping: f64,
+    pub shape: Shape,
+    pub curves: Arc<dyn Curves>,
     /// The tendon does not stretch: its length is L_s, whatever the force.
     pub rigid_tendon: bool,
     /// A stretched fibre has a passive force.
     pub has_passive_force: bool,
     pub path: Path,
 }
+
+/// cos α at which a muscle of constant thickness ends: the fibre is not shorter than there.
+const LEAST_COS: f64 = 0.1;
 
 /// A function of (activation, fibre length, fibre velocity) with its derivatives in that order.
 #[derive(Clone, Copy, Debug)]
@@ -44,70 +52,128 @@ pub struct Contraction {
     pub by_path: f64,
     pub by_length: f64,
     pub by_force: f64,
-    /// Its second derivative by f_m.
-    pub bent: f64,
-}
-
-/// A function of (activation, its rate, excitation) with its derivatives; only (a, u) is curved.
-#[derive(Clone, Copy, Debug)]
-pub struct ActivationResidual {
-    pub value: f64,
-    /// By a, ȧ, u.
-    pub gradient: [f64; 3],
-    /// ∂²/∂a∂u and ∂²/∂u²; all others vanish.
-    pub mixed: f64,
-    pub excitation: f64,
+    /// Its second derivatives by the fibre's length and by f_m.
+    pub bent_by_length: f64,
+    pub bent_by_force: f64,
 }
 
 impl Musculotendon {
-    /// Normalised force of the fibre along the tendon, `f_m = (f_pe(l_m) + a f_l(l_m) f_v(l̇_m)) cos θ` (eq. 3).
+    /// Takes other curves.
+    pub fn set_curves(&mut self, family: MuscleCurves) {
+        self.curves = family.with(&self.shape);
+    }
+
+    /// Normalised force of the fibre along the tendon, `f_m = (f_pe(l_m) + a f_l(l_m) f_v(l̇_m) + β l̇_m) cos α` (eq. 3).
     ///
     /// `length` is in optimal fibre lengths, `velocity` in those a second, negative when shortening.
     pub fn fibre_force(&self, activation: f64, length: f64, velocity: f64) -> FibreForce {
-        let cos = self.pennation_angle.cos();
-        let passive = self.passive_curve(length);
-        let l = active_force_length(length);
-        let rate = 1.0 / self.max_shortening_velocity;
-        let v = self.force_velocity.at(velocity * rate);
-        let (v1, v2) = (v.first * rate, v.second * rate * rate);
         let a = activation;
-        let by_al = l.first * v.value;
-        let by_av = l.value * v1;
-        let by_lv = a * l.first * v1;
+        let cos = self.cos_pennation(length);
+        let passive = self.passive_curve(length);
+        let l = self.curves.active_force_length(length);
+        let rate = 1.0 / self.max_shortening_velocity;
+        let v = self.curves.force_velocity(velocity * rate);
+        let (v1, v2) = (v.first * rate, v.second * rate * rate);
+        // Of the force along the fibre.
+        let value = passive.value + a * l.value * v.value + self.damping * velocity * rate;
+        let by_l = passive.first + a * l.first * v.value;
+        let by_v = a * l.value * v1 + self.damping * rate;
+        let by_al = l.first * v.value * cos.value + l.value * v.value * cos.first;
+        let by_av = l.value * v1 * cos.value;
+        let by_lv = a * l.first * v1 * cos.value + by_v * cos.first;
+        let by_ll = (passive.second + a * l.second * v.value) * cos.value + 2.0 * by_l * cos.first + value * cos.second;
         FibreForce {
-            value: cos * (passive.value + a * l.value * v.value),
-            gradient: [cos * l.value * v.value, cos * (passive.first + a * by_al), cos * a * by_av],
-            hessian: [
-                [0.0, cos * by_al, cos * by_av],
-                [cos * by_al, cos * (passive.second + a * l.second * v.value), cos * by_lv],
-                [cos * by_av, cos * by_lv, cos * a * l.value * v2],
-            ],
+            value: value * cos.value,
+            gradient: [l.value * v.value * cos.value, by_l * cos.value + value * cos.first, by_v * cos.value],
+            hessian: [[0.0, by_al, by_av], [by_al, by_ll, by_lv], [by_av, by_lv, a * l.value * v2 * cos.value]],
         }
+    }
+
+    /// The activation at which the fibre has a normalised force along the tendon, within [0, 1].
+    pub fn activation_at(&self, force: f64, length: f64, velocity: f64) -> f64 {
+        let passive = self.fibre_force(0.0, length, velocity);
+        let active = passive.gradient[0].max(0.05 * self.cos_pennation(length).value);
+        ((force - passive.value) / active).clamp(0.0, 1.0)
     }
 
     /// The passive force–length relation, zero where there is no passive force.
     pub fn passive_curve(&self, length: f64) -> Jet {
-        let nothing = Jet { value: 0.0, first: 0.0, second: 0.0 };
-        if self.has_passive_force { passive_force_length(length) } else { nothing }
+        if self.has_passive_force { self.curves.passive_force_length(length) } else { Jet::default() }
     }
 
     /// The passive part of the force at a fibre length (optimal fibre lengths), along the tendon, N.
     pub fn passive_force(&self, length: f64) -> f64 {
-        self.max_isometric_force * self.pennation_angle.cos() * self.passive_curve(length).value
+        self.max_isometric_force * self.cos_pennation(length).value * self.passive_curve(length).value
+    }
+
+    /// sin α_o, the thickness in L_o of a muscle that keeps it; `None` if it keeps its angle.
+    fn thickness(&self) -> Option<f64> {
+        let thickness = self.pennation_angle.sin();
+        (self.curves.keeps_thickness() && thickness > 0.0).then_some(thickness)
+    }
+
+    /// Length of a fibre at [`LEAST_COS`].
+    fn least_length(thickness: f64) -> f64 {
+        thickness / (1.0 - LEAST_COS * LEAST_COS).sqrt()
+    }
+
+    /// cos α at a fibre length.
+    fn cos_pennation(&self, length: f64) -> Jet {
+        let Some(w) = self.thickness() else {
+            return Jet { value: self.pennation_angle.cos(), ..Jet::default() };
+        };
+        if length <= Self::least_length(w) {
+            return Jet { value: LEAST_COS, ..Jet::default() };
+        }
+        let sin = w / length;
+        let cos = (1.0 - sin * sin).sqrt();
+        let tangent = sin * sin / (length * cos);
+        let second = -tangent * (3.0 + sin * sin / (cos * cos)) / length;
+        Jet { value: cos, first: tangent, second }
+    }
+
+    /// Length of the fibre along the tendon, `l cos α`, optimal fibre lengths.
+    ///
+    /// DEPARTURE [constant thickness]: where the fibre would be shorter than at cos α = 0.1, the length goes on as a line, so that
+    /// iterates are not lost. No solution lies there: the force of such a fibre is next to nothing.
+    fn along_tendon(&self, length: f64) -> Jet {
+        let Some(w) = self.thickness() else {
+            let cos = self.pennation_angle.cos();
+            return Jet { value: cos * length, first: cos, second: 0.0 };
+        };
+        let least = Self::least_length(w);
+        if length <= least {
+            return Jet { value: LEAST_COS * least + (length - least) / LEAST_COS, first: 1.0 / LEAST_COS, second: 0.0 };
+        }
+        let along = ((length - w) * (length + w)).sqrt();
+        Jet { value: along, first: length / along, second: -w * w / along.powi(3) }
+    }
+
+    /// The fibre length at which `l cos α` is `along`, optimal fibre lengths.
+    fn length_of(&self, along: f64) -> f64 {
+        match self.thickness() {
+            None => along / self.pennation_angle.cos(),
+            Some(w) if along > LEAST_COS * Self::least_length(w) => along.hypot(w),
+            Some(w) => Self::least_length(w) + LEAST_COS * (along - LEAST_COS * Self::least_length(w)),
+        }
     }
 
     /// Eq. (3) as it is solved, and its slopes by the path's length and by f_m: `l_t − f_t⁻¹(f_m)`; of a rigid tendon
-    /// `(L_mt − L_o l_m cos θ − L_s)/L_o`, which says where the fibre is and leaves f_m alone.
+    /// `(L_mt − L_o l_m cos α − L_s)/L_o`, which says where the fibre is and leaves f_m alone.
     pub fn contraction(&self, path_length: f64, fibre_length: f64, force: f64) -> Contraction {
         let unit = 1.0 / self.length_unit();
-        let stretch = (path_length - self.fibre_along_tendon() * fibre_length - self.tendon_slack_length) * unit;
-        let by_length = -self.fibre_along_tendon() * unit;
-        if self.rigid_tendon {
-            return Contraction { value: stretch, by_path: unit, by_length, by_force: 0.0, bent: 0.0 };
+        let along = self.along_tendon(fibre_length);
+        let scale = -self.optimal_fibre_length * unit;
+        let stretch = (path_length - self.tendon_slack_length) * unit + scale * along.value;
+        let strain = if self.rigid_tendon { Jet::default() } else { self.curves.tendon_strain(force) };
+        Contraction {
+            value: stretch - strain.value,
+            by_path: unit,
+            by_length: scale * along.first,
+            by_force: -strain.first,
+            bent_by_length: scale * along.second,
+            bent_by_force: -strain.second,
         }
-        let strain = tendon_strain(force);
-        let value = self.tendon_strain(path_length, fibre_length) - strain.value;
-        Contraction { value, by_path: unit, by_length, by_force: -strain.first, bent: -strain.second }
     }
 
     /// What lengths are divided by in eq. (3), m.
@@ -120,74 +186,63 @@ impl Musculotendon {
         if self.rigid_tendon {
             return self.contraction(path_length, fibre_length, force).value;
         }
-        tendon_force(self.tendon_strain(path_length, fibre_length)) - force
+        self.curves.tendon_force(self.tendon_strain(path_length, fibre_length)) - force
     }
 
-    /// Tendon strain `l_t = (L_mt − L_o l_m cos θ − L_s)/L_s` (eqs 6, 7) of a path of `path_length` metres.
+    /// Tendon strain `l_t = (L_mt − L_o l_m cos α − L_s)/L_s` (eqs 6, 7) of a path of `path_length` metres.
     pub fn tendon_strain(&self, path_length: f64, fibre_length: f64) -> f64 {
-        (path_length - self.fibre_along_tendon() * fibre_length) / self.tendon_slack_length - 1.0
+        (path_length - self.optimal_fibre_length * self.along_tendon(fibre_length).value) / self.tendon_slack_length - 1.0
     }
 
-    /// `L_o cos θ`, m
-    pub fn fibre_along_tendon(&self) -> f64 {
-        self.optimal_fibre_length * self.pennation_angle.cos()
+    /// The slope of `L_o l cos α` by the fibre's length, m.
+    pub fn along_tendon_by_length(&self, fibre_length: f64) -> f64 {
+        self.optimal_fibre_length * self.along_tendon(fibre_length).first
+    }
+
+    /// The fibre's velocity (optimal fibre lengths a second) where it changes with its path, whose length changes at `rate`, m/s.
+    pub fn fibre_velocity(&self, fibre_length: f64, rate: f64) -> f64 {
+        rate / self.along_tendon_by_length(fibre_length)
     }
 
     /// (f_t0, f_t1), eqs (21), (22): normalised tendon forces at zero and at full activation where path and fibre change at the
     /// same rate. `path_length` in m, `rate` in m/s.
     pub fn force_range(&self, path_length: f64, rate: f64) -> [f64; 2] {
-        let v = rate / self.fibre_along_tendon();
+        let force = |a: f64, length: f64| self.fibre_force(a, length, self.fibre_velocity(length, rate)).value;
         [0.0, 1.0].map(|a| {
             if self.rigid_tendon {
-                return self.fibre_force(a, self.fibre_length(path_length, 0.0), v).value;
+                return force(a, self.fibre_length(path_length, 0.0));
             }
             // The strain of the tendon decreases with l: bisect between zero and the length of the whole path.
-            let (mut low, mut high) = (0.0, path_length / self.fibre_along_tendon());
+            let (mut low, mut high) = (self.length_of(0.0), self.length_of(path_length / self.optimal_fibre_length));
             for _ in 0..60 {
-                let l = 0.5 * (low + high);
-                let force = self.fibre_force(a, l, v).value;
-                if self.tendon_strain(path_length, l) > tendon_strain(force).value { low = l } else { high = l }
+                let middle = 0.5 * (low + high);
+                if self.contraction(path_length, middle, force(a, middle)).value > 0.0 {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
             }
-            self.fibre_force(a, 0.5 * (low + high), v).value
+            force(a, 0.5 * (low + high))
         })
     }
 
     /// The length of the fibre (optimal fibre lengths) on a path of `path_length` metres whose tendon carries a normalised
     /// force.
     pub fn fibre_length(&self, path_length: f64, force: f64) -> f64 {
-        let strain = if self.rigid_tendon { 0.0 } else { tendon_strain(force).value };
-        (path_length - self.tendon_slack_length * (1.0 + strain)) / self.fibre_along_tendon()
+        let strain = if self.rigid_tendon { 0.0 } else { self.curves.tendon_strain(force).value };
+        self.length_of((path_length - self.tendon_slack_length * (1.0 + strain)) / self.optimal_fibre_length)
     }
 
-    /// `ȧ − (u − a)(u/τ_act + (1 − u)/τ_deact)` (eq. 4), 1/s.
-    pub fn activation_residual(&self, a: f64, rate: f64, u: f64) -> ActivationResidual {
-        let (up, down) = (1.0 / self.activation_time, 1.0 / self.deactivation_time);
-        let speed = u * up + (1.0 - u) * down;
-        ActivationResidual {
-            value: rate - (u - a) * speed,
-            gradient: [speed, 1.0, -speed - (u - a) * (up - down)],
-            mixed: up - down,
-            excitation: -2.0 * (up - down),
-        }
-    }
-
-    /// The excitation that gives the rate `ȧ` at activation `a`: the root of eq. (4) near `a`.
+    /// The excitation that gives the rate `ȧ` at activation `a`.
     pub fn excitation(&self, a: f64, rate: f64) -> f64 {
-        let (up, down) = (1.0 / self.activation_time, 1.0 / self.deactivation_time);
-        // (u − a)(down + (up − down) u) = rate
-        let (p, q, r) = (up - down, down - a * (up - down), -a * down - rate);
-        if p.abs() < 1e-9 * up {
-            return a + rate * self.activation_time;
-        }
-        let discriminant = (q * q - 4.0 * p * r).max(0.0).sqrt();
-        // The root that tends to a + rate/down as p → 0.
-        2.0 * -r / (q + q.signum() * discriminant)
+        self.activation.excitation(a, rate)
     }
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::curves::ActivationDynamics;
     use rand::{RngExt, SeedableRng};
 
     pub(crate) fn muscle() -> Musculotendon {
@@ -197,21 +252,31 @@ pub(crate) mod tests {
             optimal_fibre_length: 0.12,
             tendon_slack_length: 0.2,
             pennation_angle: 0.2,
-            activation_time: 0.05,
-            deactivation_time: 0.12,
+            activation: ActivationLaw {
+                family: ActivationDynamics::Thesis,
+                up: 0.05,
+                down: 0.12,
+                steepness: 0.1,
+            },
             max_shortening_velocity: 2.0,
-            force_velocity: ForceVelocity::default(),
+            damping: 0.03,
+            shape: Shape::default(),
+            curves: MuscleCurves::Thesis.with(&Shape::default()),
             rigid_tendon: false,
             has_passive_force: true,
             path: Path::Straight(crate::model::path::StraightPath::new(vec![])),
         }
     }
 
+    const FAMILIES: [MuscleCurves; 3] =
+        [MuscleCurves::Thesis, MuscleCurves::DegrooteFregly2016, MuscleCurves::Millard2012];
+
     #[test]
     fn fibre_force_derivatives_agree_with_differences() {
-        let muscle = muscle();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-        for _ in 0..100 {
+        for trial in 0..300 {
+            let mut muscle = muscle();
+            muscle.set_curves(FAMILIES[trial % 3]);
             let x = [rng.random_range(0.0..1.0), rng.random_range(0.5..1.5), rng.random_range(-2.0..2.0)];
             if f64::abs(x[2]) < 1e-3 {
                 continue;
@@ -225,7 +290,7 @@ pub(crate) mod tests {
                     muscle.fibre_force(y[0], y[1], y[2])
                 };
                 let (low, high) = (shifted(-e), shifted(e));
-                assert!(((high.value - low.value) / (2.0 * e) - here.gradient[i]).abs() < 1e-7);
+                assert!(((high.value - low.value) / (2.0 * e) - here.gradient[i]).abs() < 1e-6);
                 for j in 0..3 {
                     let difference = (high.gradient[j] - low.gradient[j]) / (2.0 * e);
                     assert!((difference - here.hessian[i][j]).abs() < 1e-5 * (1.0 + here.hessian[i][j].abs()));
@@ -235,13 +300,39 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn excitation_inverts_the_activation_equation() {
-        let mut muscle = muscle();
-        for (up, down) in [(0.05, 0.12), (0.12, 0.12), (0.12, 0.05)] {
-            (muscle.activation_time, muscle.deactivation_time) = (up, down);
-            for (a, rate) in [(0.2, 0.5), (0.7, -1.0), (0.01, 0.0), (0.3, 2.0)] {
-                let u = muscle.excitation(a, rate);
-                assert!(muscle.activation_residual(a, rate, u).value.abs() < 1e-10, "{up} {down} {a} {rate} {u}");
+    fn eq_3_has_its_slopes_with_each_pennation() {
+        for (family, rigid) in FAMILIES.into_iter().flat_map(|family| [(family, false), (family, true)]) {
+            let mut muscle = muscle();
+            (muscle.pennation_angle, muscle.rigid_tendon) = (0.6, rigid);
+            muscle.set_curves(family);
+            let e = 1e-6;
+            for (length, force) in [(0.55, 0.1), (0.7, 0.4), (1.0, 0.8), (1.3, 0.05)] {
+                let at = |l: f64, f: f64| muscle.contraction(0.31, l, f);
+                let (here, shorter, longer) = (at(length, force), at(length - e, force), at(length + e, force));
+                assert!(((longer.value - shorter.value) / (2.0 * e) - here.by_length).abs() < 1e-7);
+                assert!(((longer.by_length - shorter.by_length) / (2.0 * e) - here.bent_by_length).abs() < 1e-5);
+                let (less, more) = (at(length, force - e), at(length, force + e));
+                assert!(((more.value - less.value) / (2.0 * e) - here.by_force).abs() < 1e-6);
+                assert!(((more.by_force - less.by_force) / (2.0 * e) - here.bent_by_force).abs() < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn a_fibre_fills_what_its_tendon_leaves_with_each_pennation() {
+        for family in FAMILIES {
+            let mut muscle = muscle();
+            muscle.pennation_angle = 0.6;
+            muscle.set_curves(family);
+            for (path, force) in [(0.25, 0.0), (0.31, 0.3), (0.36, 0.9)] {
+                let length = muscle.fibre_length(path, force);
+                assert!(muscle.contraction(path, length, force).value.abs() < 1e-12);
+                let [low, high] = muscle.force_range(path, 0.05);
+                for (a, force) in [(0.0, low), (1.0, high)] {
+                    let length = muscle.fibre_length(path, force);
+                    let fibre = muscle.fibre_force(a, length, muscle.fibre_velocity(length, 0.05));
+                    assert!((fibre.value - force).abs() < 1e-9, "{family:?} {path} {a}");
+                }
             }
         }
     }

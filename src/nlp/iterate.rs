@@ -123,7 +123,8 @@ impl Iterate {
         rows: Rows<'a>,
     ) -> KktValues<'a> {
         let (equalities, inequalities) = (&self.equality_jacobian, &self.inequality_jacobian);
-        KktValues { hessian, metric, damping, equalities, inequalities, rows }
+        let unit = largest(self.gradient.iter().map(|g| g.abs())).clamp(LEAST_UNIT, 1.0);
+        KktValues { hessian, metric, damping, equalities, inequalities, rows, unit }
     }
 
     /// The right-hand side of the least step onto the equalities and `active` inequalities.
@@ -146,7 +147,7 @@ impl Iterate {
 
     /// [`Iterate::kkt_error`] where ∇L is known.
     pub fn kkt_error_with(&self, lagrangian_gradient: &[f64]) -> KktError {
-        let scale = largest(self.gradient.iter().map(|g| g.abs())).max(1e-3);
+        let scale = largest(self.gradient.iter().map(|g| g.abs())).max(LEAST_UNIT);
         KktError {
             stationarity: largest(lagrangian_gradient.iter().map(|g| g.abs())) / scale,
             feasibility: larger(
@@ -163,6 +164,9 @@ impl Iterate {
         self.objective.is_finite() && self.equalities.iter().chain(&self.inequalities).all(|v| v.is_finite())
     }
 }
+
+/// The least size of a gradient against which ∇L is measured.
+const LEAST_UNIT: f64 = 1e-3;
 
 /// r = J x − b
 pub fn residual(problem: &dyn Problem, x: &[f64]) -> Vec<f64> {

@@ -38,6 +38,8 @@ pub struct Kkt {
     matrix: Sparse,
     /// ε of the variables.
     primal: f64,
+    /// See [`KktValues::unit`].
+    unit: f64,
     hessian_slots: Vec<u32>,
     equality_slots: Vec<u32>,
     inequality_slots: Vec<u32>,
@@ -63,6 +65,8 @@ pub struct KktValues<'a> {
     pub equalities: &'a Sparse,
     pub inequalities: &'a Sparse,
     pub rows: Rows<'a>,
+    /// Size of the entries of r_x that count as much as 1 in the other rows.
+    pub unit: f64,
 }
 
 /// What becomes of the inequality rows.
@@ -110,6 +114,7 @@ impl Kkt {
             diagonal_slots: (0..order).map(|i| slot(i, i)).collect(),
             active: vec![false; mi],
             primal: 0.0,
+            unit: 1.0,
             factors: StagedLdl::new(&matrix, &stage, n..n + me, n + me..order),
             matrix,
             deadline: Deadline::default(),
@@ -161,6 +166,7 @@ impl Kkt {
         self.factors.deadline = self.deadline;
         self.factorisations += 1;
         self.is_accurate = false;
+        self.unit = values.unit;
         let (n, me) = (self.variables, self.equalities);
         self.primal = (PRIMAL * values.damping).clamp(PRIMAL_RANGE.0, PRIMAL_RANGE.1);
         let matrix = &mut self.matrix.values;
@@ -240,7 +246,10 @@ impl Kkt {
     ) -> f64 {
         let n = self.variables + self.equalities;
         let right = |i: usize, active: &[bool]| if i < n || active[i - n] { right_hand_side[i] } else { 0.0 };
-        let scale = (0..self.order()).map(|i| right(i, &self.active).abs()).fold(0.0, f64::max).max(1e-300);
+        let (variables, unit) = (self.variables, self.unit);
+        let weighted = |(i, x): (usize, f64)| if i < variables { x.abs() / unit } else { x.abs() };
+        let all = (0..self.order()).map(|i| (i, right(i, &self.active)));
+        let scale = all.map(weighted).fold(0.0, f64::max).max(1e-300);
         for refinement in 0..REFINEMENTS {
             for i in 0..self.order() {
                 self.residual[i] = right(i, &self.active);
@@ -252,7 +261,7 @@ impl Kkt {
                 of_variables.iter_mut().zip(x).for_each(|(r, x)| *r += self.primal * x);
                 of_rows.iter_mut().zip(y).for_each(|(r, y)| *r -= DUAL * y);
             }
-            let size = self.residual.iter().map(|r| r.abs()).fold(0.0, f64::max) / scale;
+            let size = self.residual.iter().copied().enumerate().map(weighted).fold(0.0, f64::max) / scale;
             if size.is_nan() || size >= 0.5 * best {
                 if size < best {
                     return size;

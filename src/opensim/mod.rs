@@ -38,6 +38,7 @@ use document::{Defaults, Element};
 use frames::Frames;
 use joints::Found;
 
+use crate::curves::{ActivationDynamics, MuscleCurves};
 use crate::entries::{ActuatorEntry, CurvesEntry};
 use crate::error::{Issue, Result, SourceFile};
 use crate::skeleton::file::{GROUND, MusclesEntry, SkeletonFile};
@@ -184,7 +185,11 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         passive: Vec::new(),
         turn: Vec::new(),
         gravity: parts.gravity()?,
-        curves: CurvesEntry::default(),
+        curves: CurvesEntry {
+            family: MuscleCurves::DegrooteFregly2016,
+            activation_dynamics: ActivationDynamics::DegrooteFregly2016,
+            ..CurvesEntry::default()
+        },
         muscles: MusclesEntry::default(),
     };
     parts.read_joints(&reader, &bodies, &mut read, &mut notes)?;

@@ -4,6 +4,7 @@ use super::document::Element;
 use super::frames::{Frames, PlacedFrame};
 use super::function::function_of;
 use super::{Notes, Reader, paths};
+use crate::curves::MillardParameters;
 use crate::error::Result;
 use crate::skeleton::file::{
     FollowsEntry, MovesEntry, MuscleEntry, ObstacleEntry, PointEntry, SurfaceEntry, SurfaceKind, WhenEntry,
@@ -92,12 +93,57 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
         pennation_angle: number(&["pennation_angle_at_optimal", "pennation_angle"])?.unwrap_or(0.0),
         activation_time: time(activation),
         deactivation_time: time(deactivation),
+        activation_steepness: None,
+        damping: damping(reader, element)?,
+        active_width: number(&["active_force_width_scale"])?.filter(|width| *width != 1.0),
+        millard: millard(reader, element, notes)?,
         max_shortening_velocity: Some(velocity),
         rigid_tendon: rigid.then_some(true),
         path: points.iter().map(|point| path_point(reader, *point, name, notes)).collect::<Result<_>>()?,
         length: fitted.map(|fitted| paths::length(fitted, name, notes)).transpose()?,
         surfaces: path.map_or_else(|| Ok(Vec::new()), |path| obstacles(path, points.len()))?,
     })
+}
+
+/// The damping of the kinds that have one, with the default of the class.
+fn damping<'d>(reader: &Reader<'d>, element: Element<'d>) -> Result<Option<f64>> {
+    let default = if element.tag().starts_with("Millard2012Equilibrium") { 0.1 } else { 0.0 };
+    let found = reader.number(element, &["fiber_damping"])?.unwrap_or(default);
+    Ok((found != 0.0).then_some(found))
+}
+
+/// The shape of Millard's curves, where it is not the default.
+fn millard<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) -> Result<Option<MillardParameters>> {
+    if !element.tag().starts_with("Millard2012") {
+        return Ok(None);
+    }
+    let mut shape = MillardParameters::default();
+    for (curve, tag, place) in [
+        ("ActiveForceLengthCurve", "min_norm_active_fiber_length", &mut shape.min_active_length),
+        ("ActiveForceLengthCurve", "transition_norm_fiber_length", &mut shape.transition_length),
+        ("ActiveForceLengthCurve", "max_norm_active_fiber_length", &mut shape.max_active_length),
+        ("ActiveForceLengthCurve", "shallow_ascending_slope", &mut shape.ascending_slope),
+        ("ForceVelocityCurve", "isometric_slope", &mut shape.isometric_slope),
+        ("ForceVelocityCurve", "concentric_slope_near_vmax", &mut shape.concentric_slope),
+        ("ForceVelocityCurve", "eccentric_slope_near_vmax", &mut shape.eccentric_slope),
+        ("ForceVelocityCurve", "max_eccentric_velocity_force_multiplier", &mut shape.eccentric_limit),
+        ("FiberForceLengthCurve", "strain_at_zero_force", &mut shape.passive_strain_at_zero),
+        ("FiberForceLengthCurve", "strain_at_one_norm_force", &mut shape.passive_strain_at_one),
+        ("TendonForceLengthCurve", "strain_at_one_norm_force", &mut shape.tendon_strain_at_one),
+    ] {
+        let default = || reader.defaults.get(element.tag()).and_then(|default| default.child(curve));
+        if let Some(curve) = element.child(curve).or_else(default)
+            && let Some(number) = reader.number(curve, &[tag])?
+        {
+            *place = number;
+        }
+    }
+    if shape.defect().is_some() {
+        let lost = "the parameters of its Millard curves do not shape curves: the defaults are used";
+        notes.changed(&format!("muscle {}", element.name()), lost);
+        return Ok(None);
+    }
+    Ok((shape != MillardParameters::default()).then_some(shape))
 }
 
 /// Reads a point of a muscle's path: fixed, moving or conditional.

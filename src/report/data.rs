@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Map, Value as Json, json};
 
 use crate::compare::{JobComparison, Tolerances, compare};
-use crate::curves::{ForceVelocity, Jet, active_force_length, passive_force_length, tendon_force};
+use crate::curves::{Curves, MuscleCurves, Shape};
 use crate::error::{Error, Result};
 use crate::plausibility::WARNING_KINDS;
 use crate::run::manifest::Manifest;
@@ -155,22 +155,24 @@ fn columns(table: &Table, rows: usize) -> Json {
     json!({ "rows": rows, "columns": columns })
 }
 
-/// The muscle curves with default parameters, as in Figures 2 to 4 of the thesis.
+/// The muscle curves of each family with default parameters; those of the thesis as in its Figures 2 to 4.
 fn curves() -> Json {
-    let sampled = |curve: &dyn Fn(f64) -> f64, from: f64, to: f64| -> Vec<[f64; 2]> {
-        (0..=100).map(|i| from + (to - from) * f64::from(i) / 100.0).map(|x| [x, curve(x)]).collect()
+    let families = MuscleCurves::ALL.iter().filter_map(|name| Some((name, MuscleCurves::parse(name)?)));
+    let families: Vec<_> = families.map(|(name, family)| (name, family.with(&Shape::default()))).collect();
+    let figure = |title: &str, figure: &str, [x, y]: [&str; 2], [from, to]: [f64; 2], of: fn(&dyn Curves, f64) -> f64| {
+        let series = families.iter().map(|(name, family)| {
+            let at = (0..=100).map(|i| from + (to - from) * f64::from(i) / 100.0);
+            json!({ "name": name, "points": at.map(|x| [x, of(family.as_ref(), x)]).collect::<Vec<_>>() })
+        });
+        json!({ "title": title, "figure": figure, "x": x, "y": y, "series": series.collect::<Vec<_>>() })
     };
-    let value = |curve: fn(f64) -> Jet| move |x: f64| curve(x).value;
-    let velocity = ForceVelocity::default();
+    let length = ["fibre length / optimal", "force / maximum"];
+    let velocity = ["fibre velocity / maximum shortening", "force / isometric"];
     json!([
-        { "title": "Active force–length", "figure": "Figure 2", "x": "fibre length / optimal", "y": "force / maximum",
-          "points": sampled(&value(active_force_length), 0.3, 1.8) },
-        { "title": "Passive force–length", "figure": "Figure 2", "x": "fibre length / optimal", "y": "force / maximum",
-          "points": sampled(&value(passive_force_length), 0.3, 1.55) },
-        { "title": "Force–velocity", "figure": "Figure 3", "x": "fibre velocity / maximum shortening",
-          "y": "force / isometric", "points": sampled(&|v| velocity.at(v).value, -1.0, 1.0) },
-        { "title": "Tendon", "figure": "Figure 4", "x": "strain", "y": "force / maximum",
-          "points": sampled(&tendon_force, 0.0, 0.035) },
+        figure("Active force–length", "Figure 2", length, [0.3, 1.9], |own, l| own.active_force_length(l).value),
+        figure("Passive force–length", "Figure 2", length, [0.3, 1.55], |own, l| own.passive_force_length(l).value),
+        figure("Force–velocity", "Figure 3", velocity, [-1.0, 1.0], |own, v| own.force_velocity(v).value),
+        figure("Tendon", "Figure 4", ["strain", "force / maximum"], [0.0, 0.049], |own, l| own.tendon_force(l)),
     ])
 }
 

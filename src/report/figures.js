@@ -390,7 +390,7 @@ const sinewFigures = (report) => {
     return [...from('side', 'x', 'y'), ...from('front', 'z', 'y')];
   };
 
-  const curves = () => report.curves.map((curve) => lines(slug(curve.title), `${curve.title} (${curve.figure})`, { x: curve.x, y: curve.y, series: [{ name: curve.title, points: curve.points }], symbols: false }));
+  const curves = () => report.curves.map((curve) => lines(slug(curve.title), `${curve.title} (${curve.figure})`, { x: curve.x, y: curve.y, series: curve.series, symbols: false }));
 
   return { now, jobs, regularity, muscles, axes, muscleNames, MEASURES, counted, distinct, exact, short, withUnit, axisName, slug, chartOption, ofLoads, loads, firstJob, ofJob, curves };
 };

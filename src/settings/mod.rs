@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use value::{choice, flag, integer, number};
 
+use crate::curves::{ActivationDynamics, MuscleCurves};
 use crate::error::nearest;
 use crate::model::Model;
 use crate::model::musculotendon::Musculotendon;
@@ -35,6 +36,12 @@ pub struct Settings {
     pub effort_of: EffortOf,
     #[serde(skip_serializing_if = "is_default")]
     pub effort_weight: EffortWeight,
+    /// The muscles' curves; those of the model if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub muscle_curves: Option<MuscleCurves>,
+    /// How activations follow excitations; as the model has it if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub activation_dynamics: Option<ActivationDynamics>,
     /// Whether stretched fibres have a passive force.
     #[serde(skip_serializing_if = "is_true")]
     pub passive_forces: bool,
@@ -174,6 +181,8 @@ impl Default for Settings {
             criterion: Criterion::default(),
             effort_of: EffortOf::default(),
             effort_weight: EffortWeight::default(),
+            muscle_curves: None,
+            activation_dynamics: None,
             passive_forces: true,
             min_activation: 0.0,
             near_optimal: 0.0,
@@ -223,6 +232,8 @@ pub const NAMES: &[&str] = &[
     "criterion",
     "effort_of",
     "effort_weight",
+    "muscle_curves",
+    "activation_dynamics",
     "passive_forces",
     "min_activation",
     "near_optimal",
@@ -271,6 +282,11 @@ impl Settings {
             "criterion" => self.criterion = choice(value, Criterion::ALL, Criterion::parse)?,
             "effort_of" => self.effort_of = choice(value, EffortOf::ALL, EffortOf::parse)?,
             "effort_weight" => self.effort_weight = choice(value, EffortWeight::ALL, EffortWeight::parse)?,
+            "muscle_curves" => self.muscle_curves = Some(choice(value, MuscleCurves::ALL, MuscleCurves::parse)?),
+            "activation_dynamics" => {
+                self.activation_dynamics =
+                    Some(choice(value, ActivationDynamics::ALL, ActivationDynamics::parse)?);
+            }
             "passive_forces" => self.passive_forces = flag(value)?,
             "min_activation" => {
                 self.min_activation = number(value, 0.0..=0.5, "an activation from 0 to 0.5, such as 0.01")?;
@@ -391,6 +407,8 @@ impl Settings {
             "criterion" => return Some(Value::Text(self.criterion.name().to_owned())),
             "effort_of" => return Some(Value::Text(self.effort_of.name().to_owned())),
             "effort_weight" => return Some(Value::Text(self.effort_weight.name().to_owned())),
+            "muscle_curves" => return self.muscle_curves.map(|family| Value::Text(family.name().to_owned())),
+            "activation_dynamics" => return self.activation_dynamics.map(|family| Value::Text(family.name().to_owned())),
             "passive_forces" => return Some(Value::Flag(self.passive_forces)),
             "min_activation" => return Some(Value::Number(self.min_activation)),
             "near_optimal" => return Some(Value::Number(self.near_optimal)),
@@ -440,6 +458,7 @@ impl Settings {
             (same.starts, same.first_start, same.warm_start) = (1, 0, own.warm_start);
             (same.initial, same.max_iterations) = (own.initial, own.max_iterations);
             same.load_sharing_grid = own.load_sharing_grid;
+            same.activation_dynamics = None;
             same.tracking_weights.clear();
             if self.criterion == Criterion::MinMax {
                 same.effort_power = 2.0;
@@ -453,6 +472,7 @@ impl Settings {
         if self.muscle_dynamics == MuscleDynamics::Force {
             (same.passive_forces, same.effort_of) = (true, own.effort_of);
             (same.bounds, same.excitation_weight, same.initial) = (own.bounds, 0.0, own.initial);
+            (same.muscle_curves, same.activation_dynamics) = (None, None);
         }
         if self.muscle_dynamics == MuscleDynamics::RigidTendon && self.initial != Initial::Steady {
             same.initial = own.initial;

@@ -16,8 +16,8 @@ use super::path::{Move, MusclePath, Obstacle, PathPoint};
 use super::polynomial::LengthEntry;
 use super::surface::{Shape, Side, Surface};
 use super::{Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton, Turn};
-use crate::curves::ForceVelocity;
-use crate::entries::{ActuatorEntry, CurvesEntry, finite, named, positive, unique};
+use crate::curves::{ForceVelocity, MillardParameters};
+use crate::entries::{ActuatorEntry, CurvesEntry, FibreEntry, finite, named, positive, unique};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 
 pub(super) type Checked<T> = std::result::Result<T, Issue>;
@@ -65,7 +65,7 @@ pub struct SkeletonFile {
     /// Acceleration of gravity in the ground frame, m/s².
     #[serde(default = "earth")]
     pub gravity: [f64; 3],
-    /// Shape of the force–velocity curve.
+    /// The muscles' curves.
     #[serde(default)]
     pub curves: CurvesEntry,
     /// Defaults for muscles that do not set these values.
@@ -357,6 +357,14 @@ pub struct MuscleEntry {
     pub deactivation_time: Option<f64>,
     /// Largest shortening velocity, optimal fibre lengths per second; that of `[muscles]` if absent.
     pub max_shortening_velocity: Option<f64>,
+    /// How sharply activation dynamics switch between the time constants (`degroote_fregly_2016`); 0.1 if absent.
+    pub activation_steepness: Option<f64>,
+    /// Force of a passive damper beside the fibre at the maximum shortening velocity, maximum isometric forces; 0 if absent.
+    pub damping: Option<f64>,
+    /// Width of the active force–length curve relative to the published one (`degroote_fregly_2016`); 1 if absent.
+    pub active_width: Option<f64>,
+    /// Shape of the curves (`millard_2012`).
+    pub millard: Option<MillardParameters>,
     /// Whether the tendon is rigid; determined by `rigid_tendon_below` if absent.
     pub rigid_tendon: Option<bool>,
     /// Origin, via points, insertion: at least two points; none are needed with `length`.
@@ -506,7 +514,7 @@ impl SkeletonFile {
         }
         let mut joints = mistakes.all(self.joint.iter().map(|joint| joint.check(&names)));
         let curve = mistakes.take(self.curves.check()).unwrap_or_default();
-        let muscle = |muscle: &MuscleEntry| muscle.check(&names, &self.muscles, curve);
+        let muscle = |muscle: &MuscleEntry| muscle.check(&names, (&self.muscles, &self.curves), curve);
         let muscles = mistakes.all(self.muscle.iter().map(muscle));
         let surfaces = mistakes.all(self.surface.iter().map(|surface| surface.check(&names)));
         let held_points = mistakes.all(self.held_point.iter().map(|held| held.check(&names)));
@@ -947,7 +955,12 @@ impl MuscleEntry {
         Err(Issue::new(&["muscle", &self.name, "path", &index], message, help))
     }
 
-    fn check(&self, names: &Names<'_>, defaults: &MusclesEntry, force_velocity: ForceVelocity) -> Checked<Muscle> {
+    fn check(
+        &self,
+        names: &Names<'_>,
+        (defaults, curves): (&MusclesEntry, &CurvesEntry),
+        force_velocity: ForceVelocity,
+    ) -> Checked<Muscle> {
         let place = |key: &'static str| ["muscle", self.name.as_str(), key];
         if self.path.len() < 2 && !(self.path.is_empty() && self.length.is_some()) {
             let help = "a path needs an origin and an insertion, or the muscle a `length`";
@@ -1023,14 +1036,22 @@ impl MuscleEntry {
             }
             Ok(Obstacle { surface: find("surface", &names.surfaces, name, &place("surfaces"))?, parts })
         };
+        let fibre = FibreEntry {
+            activation_time: number("activation_time", self.activation_time, defaults.activation_time, "s")?,
+            deactivation_time: number("deactivation_time", self.deactivation_time, defaults.deactivation_time, "s")?,
+            activation_steepness: self.activation_steepness,
+            damping: self.damping,
+            active_width: self.active_width,
+            millard: self.millard,
+        };
         Ok(Muscle {
             name: self.name.clone(),
             max_isometric_force: self.max_isometric_force,
             optimal_fibre_length: self.optimal_fibre_length,
             tendon_slack_length: self.tendon_slack_length,
             pennation_angle: self.pennation_angle,
-            activation_time: number("activation_time", self.activation_time, defaults.activation_time, "s")?,
-            deactivation_time: number("deactivation_time", self.deactivation_time, defaults.deactivation_time, "s")?,
+            fibre: fibre.check(&self.name, curves.activation_dynamics, force_velocity)?,
+            curves: curves.family,
             max_shortening_velocity: number(
                 "max_shortening_velocity",
                 self.max_shortening_velocity,
@@ -1038,7 +1059,6 @@ impl MuscleEntry {
                 "optimal fibre lengths per second",
             )?,
             rigid_tendon,
-            force_velocity,
             path: MusclePath {
                 points: self.path.iter().map(point).collect::<Checked<Vec<_>>>()?,
                 surfaces: self.surfaces.iter().map(surface).collect::<Checked<Vec<_>>>()?,

@@ -22,8 +22,8 @@ pub mod wrapping;
 use nalgebra::{DMatrix, DVector};
 use num_dual::Dual64;
 
-use crate::curves::ForceVelocity;
-use crate::entries::Actuator;
+use crate::curves::MuscleCurves;
+use crate::entries::{Actuator, Fibre};
 use crate::numerics::Scalar;
 use frame::Frame;
 use function::Function;
@@ -183,15 +183,12 @@ pub struct Muscle {
     pub tendon_slack_length: f64,
     /// rad
     pub pennation_angle: f64,
-    /// s
-    pub activation_time: f64,
-    /// s
-    pub deactivation_time: f64,
+    pub fibre: Fibre,
+    pub curves: MuscleCurves,
     /// Optimal fibre lengths per second.
     pub max_shortening_velocity: f64,
     /// True if the tendon does not stretch.
     pub rigid_tendon: bool,
-    pub force_velocity: ForceVelocity,
     /// May have no points where the length is a polynomial.
     pub path: MusclePath,
     /// The musculotendon length as a polynomial of coordinates; along the path if `None`.

@@ -69,7 +69,10 @@ impl ColumnKind {
 /// Unit of a swept name: for a setting from its name, for a number of the model from the last key of its path. Empty
 /// for texts and flags.
 pub fn unit(name: &str) -> &'static str {
-    const BY_ENDING: [(&str, &str); 16] = [
+    const BY_ENDING: [(&str, &str); 19] = [
+        ("_active_length", "optimal fibre lengths"),
+        ("transition_length", "optimal fibre lengths"),
+        ("damping", "maximum isometric forces"),
         ("_scale", "1"),
         ("_rotation", "rad"),
         (".rotation", "rad"),
@@ -94,7 +97,8 @@ pub fn unit(name: &str) -> &'static str {
         "memory_limit_mb" => "MB",
         "noise_sd" => "m, rad",
         "scheme" | "initial" | "bounds" | "load_sharing_grid" | "warm_start" | "regularity" | "trajectories"
-        | "method" | "muscle_dynamics" | "criterion" | "effort_of" | "effort_weight" | "passive_forces" => "",
+        | "method" | "muscle_dynamics" | "criterion" | "effort_of" | "effort_weight" | "passive_forces"
+        | "muscle_curves" | "activation_dynamics" => "",
         _ if name.ends_with(".role") => "",
         _ if name.ends_with("_scale") => "1",
         _ if name.contains("point.") || name.contains("centre_of_mass.") || name.contains(".radii.") => "m",

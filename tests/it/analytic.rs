@@ -122,14 +122,13 @@ fn a_muscle_holds_the_rod_with_the_torque_of_its_moment_arm() {
 #[test]
 fn a_step_of_excitation_gives_the_exponential() {
     let mut muscle = pendulum().muscles.remove(0);
-    (muscle.activation_time, muscle.deactivation_time) = (0.03, 0.08);
+    (muscle.activation.up, muscle.activation.down) = (0.03, 0.08);
     for (u, a0, time) in [(1.0, 0.1, 0.03), (0.0, 0.8, 0.08)] {
         // a(t) = u + (a0 − u) exp(−t/τ): τ_act at full excitation, τ_deact without excitation.
         for i in 0..10 {
             let t = 0.02 * f64::from(i);
             let gap = (a0 - u) * f64::exp(-t / time);
-            let residual = muscle.activation_residual(u + gap, -gap / time, u);
-            assert!(residual.value.abs() < 1e-12);
+            assert!((muscle.activation.rate(u + gap, u).value + gap / time).abs() < 1e-12);
         }
     }
 }

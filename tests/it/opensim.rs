@@ -51,7 +51,7 @@ fn every_version_of_the_format_is_the_same_arm() {
         let flexor = &arm.muscles[0];
         assert_eq!((flexor.max_isometric_force, flexor.pennation_angle), (500.0, 0.2));
         assert_eq!((flexor.optimal_fibre_length, flexor.tendon_slack_length), (0.1, 0.15));
-        let times = (flexor.activation_time, flexor.deactivation_time, flexor.max_shortening_velocity);
+        let times = (flexor.fibre.activation.up, flexor.fibre.activation.down, flexor.max_shortening_velocity);
         assert_eq!(times, (0.012, 0.045, 9.0));
         for (shoulder, elbow) in [(0.1, 0.5), (-0.4, -0.5), (0.7, 1.3), (0.0, -1.1f64)] {
             let pose = [("shoulder_angle", shoulder), ("elbow_angle", elbow)];
@@ -134,8 +134,8 @@ fn every_kind_of_part_has_the_lengths_derived_by_hand() {
     near(at(&model, "over_ball", &[]).0, 2.0 * (d - 0.09).sqrt() + 0.3 * arc, "over_ball");
     let muscle = |name: &str| model.muscles.iter().find(|muscle| muscle.name == name).unwrap();
     let schutte = muscle("across_ball");
-    near(schutte.activation_time, 0.01, "Schutte1993");
-    near(schutte.deactivation_time, 0.05, "Schutte1993");
+    near(schutte.fibre.activation.up, 0.01, "Schutte1993");
+    near(schutte.fibre.activation.down, 0.05, "Schutte1993");
     near(schutte.max_shortening_velocity, 10.0, "Schutte1993");
     assert!(muscle("across_universal").rigid_tendon && !schutte.rigid_tendon);
     let locked = &model.coordinates[model.coordinate("locked_angle").unwrap()];

@@ -46,7 +46,7 @@ fn initial_state(model: &Model) -> Vec<f64> {
     for (m, muscle) in model.muscles.iter().enumerate() {
         let mut path = muscle.path.buffer();
         muscle.path.length(q, false, &mut path);
-        state.extend([excitation(m, 0.0), (path.value - muscle.tendon_slack_length) / muscle.fibre_along_tendon()]);
+        state.extend([excitation(m, 0.0), muscle.fibre_length(path.value, 0.0)]);
     }
     state
 }

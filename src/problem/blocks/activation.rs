@@ -1,7 +1,7 @@
 //! Eq. (4), activation dynamics (thesis, Paper B):
 //!
 //! ```text
-//! τ (ȧ − (u − a)(u/τ_act + (1 − u)/τ_deact)) = 0
+//! τ (ȧ − g(a, u)) = 0         g = (u − a)(u/τ_act + (1 − u)/τ_deact), or that of another family
 //! ```
 //!
 //! | symbol | meaning | unit |
@@ -25,16 +25,18 @@ pub struct Activation<'m> {
 
 impl Block for Activation<'_> {
     fn evaluate(&self, z: &[f64], out: &mut Sink<'_>) {
-        let time = self.muscle.activation_time.max(self.muscle.deactivation_time);
-        let residual = self.muscle.activation_residual(z[self.activation], z[self.rate], z[self.excitation]);
-        out.value(self.row, time * residual.value);
-        for (variable, by) in [self.activation, self.rate, self.excitation].into_iter().zip(residual.gradient) {
-            out.slope(self.row, variable, time * by);
-        }
+        let law = &self.muscle.activation;
+        let time = law.up.max(law.down);
+        let rate = law.rate(z[self.activation], z[self.excitation]);
+        out.value(self.row, time * (z[self.rate] - rate.value));
+        out.slope(self.row, self.rate, time);
+        out.slope(self.row, self.activation, -time * rate.slopes[0]);
+        out.slope(self.row, self.excitation, -time * rate.slopes[1]);
         if out.wants(Order::Bends) {
-            let weight = time * out.multiplier(self.row);
-            out.bend(self.activation, self.excitation, weight * residual.mixed);
-            out.bend(self.excitation, self.excitation, weight * residual.excitation);
+            let weight = -time * out.multiplier(self.row);
+            out.bend(self.activation, self.activation, weight * rate.bends[0]);
+            out.bend(self.activation, self.excitation, weight * rate.bends[1]);
+            out.bend(self.excitation, self.excitation, weight * rate.bends[2]);
         }
     }
 

@@ -3,14 +3,14 @@
 //! ```text
 //! … + (F_o/W) f_m ∂L_mt/∂q = 0                               (1)
 //! l_t(q, l) − f_t⁻¹(f_m) = 0                                 (3)
-//! f_m = (f_pe(l) + a f_l(l) f_v(l̇)) cos θ
+//! f_m = (f_pe(l) + a f_l(l) f_v(l̇) + β l̇) cos α
 //! ```
 //!
 //! | symbol | meaning | unit |
 //! |---|---|---|
 //! | a | activation | – |
 //! | l, l̇ | fibre length and its rate | optimal fibre lengths L_o; per s |
-//! | l_t | tendon strain, `(L_mt(q) − L_o l cos θ − L_s)/L_s`, eqs (6), (7) | – |
+//! | l_t | tendon strain, `(L_mt(q) − L_o l cos α − L_s)/L_s`, eqs (6), (7) | – |
 //! | L_mt | length of the path from origin to insertion | m |
 //! | f_m | the fibre's force along the tendon | maximum isometric force F_o |
 //!
@@ -97,7 +97,7 @@ impl Contraction<'_> {
         if muscle.rigid_tendon {
             return (-1.0 / muscle.length_unit(), Vec::new());
         }
-        // (L_mt − l L_o cos θ)/L_s has the derivative −1/L_s times itself.
+        // (L_mt − l L_o cos α)/L_s has the derivative −1/L_s times itself.
         let slack = muscle.tendon_slack_length;
         let square = slack * slack;
         let mut mixed: Vec<(usize, f64)> = Vec::new();
@@ -106,7 +106,7 @@ impl Contraction<'_> {
             let slots = muscle.path.slots().iter().zip(path.gradient);
             mixed.extend(slots.map(|(&slot, gradient)| (coordinates.at(slot), -gradient / square)));
         }
-        mixed.push((self.length, muscle.fibre_along_tendon() / square));
+        mixed.push((self.length, muscle.along_tendon_by_length(z[self.length]) / square));
         (-(muscle.tendon_strain(self.path_length(z), z[self.length]) + 1.0) / slack, mixed)
     }
 
@@ -175,11 +175,11 @@ impl Contraction<'_> {
         let omega = self.strength * pull + contraction * stretch.by_force + out.multiplier(self.force_row);
         for (i, one) in self.fibre_variables().into_iter().enumerate() {
             for (j, other) in self.fibre_variables().into_iter().enumerate().skip(i) {
-                let bend =
-                    omega * force.hessian[i][j] + contraction * stretch.bent * force.gradient[i] * force.gradient[j];
-                out.bend(one, other, bend);
+                let by_force = stretch.bent_by_force * force.gradient[i] * force.gradient[j];
+                out.bend(one, other, omega * force.hessian[i][j] + contraction * by_force);
             }
         }
+        out.bend(self.length, self.length, contraction * stretch.bent_by_length);
     }
 
     /// The bends by unknown coordinates; returns λᵀ ∂L_mt/∂q, and the length of the path.
@@ -227,7 +227,7 @@ impl Block for Contraction<'_> {
 
     /// A fibre velocity is measured against `b3 v_max + |l̇|`, the scale on which the force–velocity curve bends.
     fn weigh(&self, z: &[f64], weights: &mut [f64]) {
-        let bend = self.muscle.force_velocity.shortening * self.muscle.max_shortening_velocity;
+        let bend = self.muscle.curves.bending_velocity() * self.muscle.max_shortening_velocity;
         let velocity = 1.0 / (bend + z[self.velocity].abs());
         weights[self.length] = 10.0 * self.step_weight;
         weights[self.velocity] = self.step_weight * velocity * velocity;

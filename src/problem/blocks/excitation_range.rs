@@ -1,12 +1,13 @@
-//! The excitations that eq. (4) allows, without excitations as unknowns (C. Pipeleers et al., *J Biomech* 41, 2008):
+//! The excitations that activation dynamics allow, without excitations as unknowns (C. Pipeleers et al., *J Biomech* 41, 2008):
 //!
 //! ```text
-//! ȧ/c + a − u_min ≥ 0          c = u_min/τ_act + (1 − u_min)/τ_deact
-//! 1 − a − τ_act ȧ ≥ 0
+//! (ȧ − g(a, u_min))/c ≥ 0          c = −∂g/∂a at a = u = u_min
+//! (g(a, 1) − ȧ)/c ≥ 0              c = −∂g/∂a at a = u = 1
 //! ```
 //!
-//! These are the rates at u = u_min and at u = 1, linear in a and ȧ. With equal time constants they are just the range
-//! u_min ≤ u ≤ 1. With others, eq. (4) is not monotonic in u for a > τ_act/(τ_deact − τ_act), and somewhat more would be allowed.
+//! g(a, u) is the rate of the activation. With eq. (4) of the thesis both are linear in a and ȧ, and with equal time constants
+//! they are just the range u_min ≤ u ≤ 1. With others, eq. (4) is not monotonic in u for a > τ_act/(τ_deact − τ_act), and somewhat
+//! more would be allowed. With `degroote_fregly_2016` g is monotonic in u.
 
 use crate::model::Musculotendon;
 use crate::problem::block::{Block, Order, Sink};
@@ -22,23 +23,26 @@ pub struct ExcitationRange<'m> {
     pub upper: usize,
 }
 
-/// c, 1/s: how fast an activation falls at an excitation.
-pub fn falling(muscle: &Musculotendon, excitation: f64) -> f64 {
-    excitation / muscle.activation_time + (1.0 - excitation) / muscle.deactivation_time
+impl ExcitationRange<'_> {
+    /// The row, excitation, sign, and 1/c of both functions.
+    fn functions(&self) -> [(usize, f64, f64, f64); 2] {
+        let law = &self.muscle.activation;
+        [(self.lower, self.least, 1.0), (self.upper, 1.0, -1.0)]
+            .map(|(row, u, sign)| (row, u, sign, -1.0 / law.rate(u, u).slopes[0]))
+    }
 }
 
 impl Block for ExcitationRange<'_> {
     fn evaluate(&self, z: &[f64], out: &mut Sink<'_>) {
-        if out.wants(Order::Bends) {
-            return;
+        for (row, excitation, sign, time) in self.functions() {
+            let rate = self.muscle.activation.rate(z[self.activation], excitation);
+            out.value(row, sign * time * (z[self.rate] - rate.value));
+            out.slope(row, self.rate, sign * time);
+            out.slope(row, self.activation, -sign * time * rate.slopes[0]);
+            if out.wants(Order::Bends) {
+                let weight = -sign * time * out.multiplier(row);
+                out.bend(self.activation, self.activation, weight * rate.bends[0]);
+            }
         }
-        let (a, rate) = (z[self.activation], z[self.rate]);
-        let (slow, fast) = (1.0 / falling(self.muscle, self.least), self.muscle.activation_time);
-        out.value(self.lower, slow * rate + a - self.least);
-        out.slope(self.lower, self.rate, slow);
-        out.slope(self.lower, self.activation, 1.0);
-        out.value(self.upper, 1.0 - a - fast * rate);
-        out.slope(self.upper, self.rate, -fast);
-        out.slope(self.upper, self.activation, -1.0);
     }
 }

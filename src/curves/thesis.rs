@@ -1,16 +1,42 @@
-//! The four normalised curves of the Hill musculotendon (thesis, Paper B eqs 8–11 and Figure 2), each with its
-//! first two derivatives.
+//! The curves of the thesis (Paper B eqs 8–11 and Figures 2 to 4).
 
 use std::sync::LazyLock;
 
+use super::{Curves, Jet};
 use crate::numerics::cubic::{CubicSpline, Ends};
 
-/// A value with its first and second derivative.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Jet {
-    pub value: f64,
-    pub first: f64,
-    pub second: f64,
+/// The thesis' curves with its force–velocity relation.
+#[derive(Clone, Copy, Debug)]
+pub struct Thesis(pub ForceVelocity);
+
+impl Curves for Thesis {
+    fn active_force_length(&self, l: f64) -> Jet {
+        active_force_length(l)
+    }
+
+    fn passive_force_length(&self, l: f64) -> Jet {
+        passive_force_length(l)
+    }
+
+    fn force_velocity(&self, v: f64) -> Jet {
+        self.0.at(v)
+    }
+
+    fn bending_velocity(&self) -> f64 {
+        self.0.shortening
+    }
+
+    fn tendon_force(&self, strain: f64) -> f64 {
+        tendon_force(strain)
+    }
+
+    fn tendon_strain(&self, force: f64) -> Jet {
+        tendon_strain(force)
+    }
+
+    fn keeps_thickness(&self) -> bool {
+        false
+    }
 }
 
 /// Parallel elastic force of the fibre at normalised length `l`: `exp(10 (l − 1)) / e⁵` (eq. 10).
