@@ -88,6 +88,11 @@ impl Discretisation for Midpoint {
         self.place(self.points[j])
     }
 
+    /// Splines reach over several intervals: each point is one, after that of the initial values.
+    fn stage(&self, point: usize) -> usize {
+        1 + point
+    }
+
     fn function(&self, place: Place, quantity: QuantityId, member: usize, derivative: usize) -> Combination {
         let basis = self.spaces[self.kinds[quantity.0].order()].basis(place.time, derivative);
         let index = |i| self.coefficients.index(quantity, basis.first + i, member);

@@ -27,7 +27,7 @@ pub struct Bound {
 /// (local entry, slot in the sparse values, factor)
 pub type Scatter = Vec<(u32, u32, f64)>;
 
-/// The stage of each unknown, equality and inequality: 0 for initial values, then the points.
+/// The stage of each unknown, equality and inequality; see `Discretisation::stage`. 0: initial values.
 pub struct Stages {
     pub variables: Vec<usize>,
     pub equalities: Vec<usize>,
@@ -198,18 +198,19 @@ fn rows_of(matrix: &Sparse) -> Vec<Combination> {
     rows
 }
 
-pub fn stages(points: &[Point], linear: &[Combination], bounds: &[Bound], n: usize) -> Stages {
+/// `of_points`: the stage of each point.
+pub fn stages(points: &[Point], of_points: &[usize], linear: &[Combination], bounds: &[Bound], n: usize) -> Stages {
     // Each unknown belongs to the first point that has it, where the equations say what it is.
     let mut variables = vec![0; n];
     for (k, point) in points.iter().enumerate().rev() {
-        point.map.combinations.iter().flatten().for_each(|&(i, _)| variables[i] = 1 + k);
+        point.map.combinations.iter().flatten().for_each(|&(i, _)| variables[i] = of_points[k]);
     }
     let first = |row: &Combination| row.iter().map(|&(i, _)| variables[i]).min().unwrap_or(0);
     let mut equalities: Vec<usize> = linear.iter().map(first).collect();
     for (k, point) in points.iter().enumerate() {
-        equalities.extend(std::iter::repeat_n(1 + k, point.rows.len()));
+        equalities.extend(std::iter::repeat_n(of_points[k], point.rows.len()));
     }
-    Stages { variables, equalities, inequalities: bounds.iter().map(|bound| 1 + bound.point).collect() }
+    Stages { variables, equalities, inequalities: bounds.iter().map(|bound| of_points[bound.point]).collect() }
 }
 
 pub fn units(control: &ControlProblem<'_>, points: &[Point], n: usize) -> Vec<f64> {

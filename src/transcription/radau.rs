@@ -131,6 +131,10 @@ impl Discretisation for Radau {
         Place { time, piece: Some((j - 1) / self.stages), share: self.nodes[(j - 1) % self.stages + 1] }
     }
 
+    fn stage(&self, point: usize) -> usize {
+        self.point(point).piece.map_or(0, |interval| 1 + interval)
+    }
+
     fn function(&self, place: Place, quantity: QuantityId, member: usize, derivative: usize) -> Combination {
         let is_state = self.kinds[quantity.0].is_state();
         let index = |k| self.coefficients.index(quantity, k, member);

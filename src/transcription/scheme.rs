@@ -52,6 +52,10 @@ pub trait Discretisation: Send + Sync {
     /// The place of a collocation point.
     fn point(&self, j: usize) -> Place;
 
+    /// Which points are one stage to the linear algebra: those of one interval, so that what belongs to one muscle is eliminated
+    /// together.
+    fn stage(&self, point: usize) -> usize;
+
     /// A derivative of a function that is not given, as a combination of the decision vector. Empty where it has no value.
     fn function(&self, place: Place, quantity: QuantityId, member: usize, derivative: usize) -> Combination;
 

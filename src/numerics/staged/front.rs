@@ -171,20 +171,20 @@ impl Panel<'_> {
 /// x −= l f
 #[inline(always)]
 fn subtract<S: Simd>(simd: S, x: &mut [Lane], l: f64, f: &[Lane]) {
-    let l = simd.splat_f64s(l);
+    let l = simd.splat_f64s(-l);
     let (x, f) = (S::as_mut_simd_f64s(flat_mut(x)).0, S::as_simd_f64s(flat(f)).0);
     for (x, f) in x.iter_mut().zip(f) {
-        *x = simd.sub_f64s(*x, simd.mul_f64s(l, *f));
+        *x = simd.mul_add_f64s(l, *f, *x);
     }
 }
 
 /// x −= l₁ f₁ + l₂ f₂
 #[inline(always)]
 fn subtract_both<S: Simd>(simd: S, x: &mut [Lane], l: [f64; 2], f: [&[Lane]; 2]) {
-    let l = l.map(|l| simd.splat_f64s(l));
+    let l = l.map(|l| simd.splat_f64s(-l));
     let (x, f) = (S::as_mut_simd_f64s(flat_mut(x)).0, f.map(|f| S::as_simd_f64s(flat(f)).0));
     for ((x, a), b) in x.iter_mut().zip(f[0]).zip(f[1]) {
-        *x = simd.sub_f64s(*x, simd.add_f64s(simd.mul_f64s(l[0], *a), simd.mul_f64s(l[1], *b)));
+        *x = simd.mul_add_f64s(l[1], *b, simd.mul_add_f64s(l[0], *a, *x));
     }
 }
 
@@ -203,7 +203,7 @@ fn dot<S: Simd>(simd: S, a: &[Lane], b: &[Lane]) -> f64 {
     for (a, b) in a.iter().zip(b).rev() {
         let (a, b) = (S::as_simd_f64s(&a.0).0, S::as_simd_f64s(&b.0).0);
         for (sum, (a, b)) in S::as_mut_simd_f64s(&mut sums.0).0.iter_mut().zip(a.iter().zip(b)) {
-            *sum = simd.add_f64s(*sum, simd.mul_f64s(*a, *b));
+            *sum = simd.mul_add_f64s(*a, *b, *sum);
         }
     }
     let [a, b, c, d, e, f, g, h] = sums.0;
@@ -280,7 +280,7 @@ pub fn update_border(border: &mut [Lane], panel: &Panel<'_>, first: usize, pivot
                     let here = rows.iter().skip(first * per_lane + column).step_by(width * per_lane);
                     for (u, l) in here.zip(scaled.iter().skip(tile).step_by(border_width)) {
                         for (sum, l) in sums.iter_mut().zip(l.0) {
-                            *sum = simd.add_f64s(*sum, simd.mul_f64s(simd.splat_f64s(l), *u));
+                            *sum = simd.mul_add_f64s(simd.splat_f64s(l), *u, *sum);
                         }
                     }
                     for (i, sum) in sums.into_iter().enumerate() {

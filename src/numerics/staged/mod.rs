@@ -33,6 +33,8 @@ use super::memo::Memo;
 use super::sparse::Sparse;
 use crate::deadline::Deadline;
 
+/// Least pivot whose inverse is far from overflow.
+const LEAST_PIVOT: f64 = 1e-30;
 const EQUILIBRATION_PASSES: usize = 2;
 const ZERO: Lane = Lane([0.0; LANE]);
 
@@ -407,8 +409,11 @@ impl Work {
         }
         self.pivots.clear();
         let mut panel = Panel { values: &mut self.panel, width, unknowns: &mut self.unknowns };
-        let eliminated =
-            if summed > 0 { front::eliminate(&mut panel, f + 1 == fronts.len(), &mut self.pivots) } else { 0 };
+        // An unknown coupled to one other only changes that one's diagonal entry: any pivot will do, such as that of the bound of
+        // a variable, however small.
+        let is_of_one = summed == 1 && border == 1 && flat(panel.values)[0].abs() > LEAST_PIVOT;
+        let takes_all = f + 1 == fronts.len() || is_of_one;
+        let eliminated = if summed > 0 { front::eliminate(&mut panel, takes_all, &mut self.pivots) } else { 0 };
         if eliminated > 0 {
             if border > 0 {
                 self.border.resize(lanes(border) * LANE * lanes(border), ZERO);
