@@ -112,7 +112,11 @@ impl ActivationLaw {
             if miss == 0.0 || high - low <= 1e-15 {
                 break;
             }
-            if miss > 0.0 { high = u } else { low = u }
+            if miss > 0.0 {
+                high = u
+            } else {
+                low = u
+            }
             let next = u - miss / found.slopes[1];
             let moved = (next - u).abs();
             u = if next > low && next < high { next } else { 0.5 * (low + high) };
@@ -147,8 +151,8 @@ mod tests {
             for _ in 0..50 {
                 let (a, u) = (rng.random_range(0.0..1.0), rng.random_range(0.0..1.0));
                 let here = law.rate(a, u);
-                let [by_a, by_u] = [(step, 0.0), (0.0, step)]
-                    .map(|(da, du)| [law.rate(a - da, u - du), law.rate(a + da, u + du)]);
+                let [by_a, by_u] =
+                    [(step, 0.0), (0.0, step)].map(|(da, du)| [law.rate(a - da, u - du), law.rate(a + da, u + du)]);
                 let near = |pair: [f64; 2], found: f64| {
                     let difference = (pair[1] - pair[0]) / (2.0 * step);
                     assert!((difference - found).abs() < 1e-6 * (10.0 + found.abs()), "{law:?} {difference} {found}");

@@ -129,7 +129,11 @@ fn solve(c: &[f64; 6], value: f64) -> f64 {
         if miss.abs() <= 2.0 * f64::EPSILON * size.abs() || high - low <= f64::EPSILON {
             break;
         }
-        if miss > 0.0 { high = u } else { low = u }
+        if miss > 0.0 {
+            high = u
+        } else {
+            low = u
+        }
         let next = u - miss / slope;
         u = if next > low && next < high { next } else { 0.5 * (low + high) };
     }

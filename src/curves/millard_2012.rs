@@ -111,7 +111,10 @@ fn active(shape: &MillardParameters) -> BezierCurve {
     let steep = knot(0.5 * (x0 + x1), 0.5 * y1, 1.25 * y1 / (x1 - x0));
     let shallow = knot(0.5 * (x1 + shoulder), 0.5 * (1.0 + y1), shape.ascending_slope);
     let falling = knot(0.5 * (top + half + x3), 0.5, -1.0 / (x3 - half - top - half));
-    BezierCurve::new(vec![knot(x0, 0.0, 0.0), steep, shallow, knot(top, 1.0, 0.0), falling, knot(x3, 0.0, 0.0)], &[1.0; 5])
+    BezierCurve::new(
+        vec![knot(x0, 0.0, 0.0), steep, shallow, knot(top, 1.0, 0.0), falling, knot(x3, 0.0, 0.0)],
+        &[1.0; 5],
+    )
 }
 
 /// f_pe: a corner, and on to force 1 ever more steeply.
@@ -128,8 +131,7 @@ fn passive(shape: &MillardParameters) -> BezierCurve {
 fn velocity(shape: &MillardParameters) -> BezierCurve {
     let near = 0.1;
     let concentric = knot(-1.0 + near, 0.5 * shape.concentric_slope * near, shape.concentric_slope);
-    let eccentric =
-        knot(1.0 - near, shape.eccentric_limit - 0.5 * shape.eccentric_slope * near, shape.eccentric_slope);
+    let eccentric = knot(1.0 - near, shape.eccentric_limit - 0.5 * shape.eccentric_slope * near, shape.eccentric_slope);
     let ends = [knot(-1.0, 0.0, 0.0), knot(1.0, shape.eccentric_limit, 0.0)];
     BezierCurve::new(
         vec![ends[0], concentric, knot(0.0, 1.0, shape.isometric_slope), eccentric, ends[1]],
@@ -201,7 +203,11 @@ impl Millard2012 {
             if miss.abs() <= 4.0 * f64::EPSILON * sum || high - low <= f64::EPSILON * high {
                 break;
             }
-            if miss > 0.0 { high = strain } else { low = strain }
+            if miss > 0.0 {
+                high = strain
+            } else {
+                low = strain
+            }
             let next = strain - miss / (plain.first + SLACK_SLOPE);
             strain = if next > low && next < high { next } else { 0.5 * (low + high) };
         }

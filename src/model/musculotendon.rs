@@ -143,7 +143,11 @@ impl Musculotendon {
         };
         let least = Self::least_length(w);
         if length <= least {
-            return Jet { value: LEAST_COS * least + (length - least) / LEAST_COS, first: 1.0 / LEAST_COS, second: 0.0 };
+            return Jet {
+                value: LEAST_COS * least + (length - least) / LEAST_COS,
+                first: 1.0 / LEAST_COS,
+                second: 0.0,
+            };
         }
         let along = ((length - w) * (length + w)).sqrt();
         Jet { value: along, first: length / along, second: -w * w / along.powi(3) }
@@ -191,7 +195,8 @@ impl Musculotendon {
 
     /// Tendon strain `l_t = (L_mt − L_o l_m cos α − L_s)/L_s` (eqs 6, 7) of a path of `path_length` metres.
     pub fn tendon_strain(&self, path_length: f64, fibre_length: f64) -> f64 {
-        (path_length - self.optimal_fibre_length * self.along_tendon(fibre_length).value) / self.tendon_slack_length - 1.0
+        (path_length - self.optimal_fibre_length * self.along_tendon(fibre_length).value) / self.tendon_slack_length
+            - 1.0
     }
 
     /// The slope of `L_o l cos α` by the fibre's length, m.
@@ -252,12 +257,7 @@ pub(crate) mod tests {
             optimal_fibre_length: 0.12,
             tendon_slack_length: 0.2,
             pennation_angle: 0.2,
-            activation: ActivationLaw {
-                family: ActivationDynamics::Thesis,
-                up: 0.05,
-                down: 0.12,
-                steepness: 0.1,
-            },
+            activation: ActivationLaw { family: ActivationDynamics::Thesis, up: 0.05, down: 0.12, steepness: 0.1 },
             max_shortening_velocity: 2.0,
             damping: 0.03,
             shape: Shape::default(),

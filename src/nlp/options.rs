@@ -106,7 +106,7 @@ options! {
         /// Steps of an interior point: far from a solution, in an impatient solve, and below the error `near`.
         steps: usize = 1,
         steps_idle: usize = 2,
-        steps_near: usize = 12,
+        steps_near: usize = 20,
         near: f64 = 0.1,
     }
 

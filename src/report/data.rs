@@ -159,13 +159,14 @@ fn columns(table: &Table, rows: usize) -> Json {
 fn curves() -> Json {
     let families = MuscleCurves::ALL.iter().filter_map(|name| Some((name, MuscleCurves::parse(name)?)));
     let families: Vec<_> = families.map(|(name, family)| (name, family.with(&Shape::default()))).collect();
-    let figure = |title: &str, figure: &str, [x, y]: [&str; 2], [from, to]: [f64; 2], of: fn(&dyn Curves, f64) -> f64| {
-        let series = families.iter().map(|(name, family)| {
-            let at = (0..=100).map(|i| from + (to - from) * f64::from(i) / 100.0);
-            json!({ "name": name, "points": at.map(|x| [x, of(family.as_ref(), x)]).collect::<Vec<_>>() })
-        });
-        json!({ "title": title, "figure": figure, "x": x, "y": y, "series": series.collect::<Vec<_>>() })
-    };
+    let figure =
+        |title: &str, figure: &str, [x, y]: [&str; 2], [from, to]: [f64; 2], of: fn(&dyn Curves, f64) -> f64| {
+            let series = families.iter().map(|(name, family)| {
+                let at = (0..=100).map(|i| from + (to - from) * f64::from(i) / 100.0);
+                json!({ "name": name, "points": at.map(|x| [x, of(family.as_ref(), x)]).collect::<Vec<_>>() })
+            });
+            json!({ "title": title, "figure": figure, "x": x, "y": y, "series": series.collect::<Vec<_>>() })
+        };
     let length = ["fibre length / optimal", "force / maximum"];
     let velocity = ["fibre velocity / maximum shortening", "force / isometric"];
     json!([

@@ -284,8 +284,7 @@ impl Settings {
             "effort_weight" => self.effort_weight = choice(value, EffortWeight::ALL, EffortWeight::parse)?,
             "muscle_curves" => self.muscle_curves = Some(choice(value, MuscleCurves::ALL, MuscleCurves::parse)?),
             "activation_dynamics" => {
-                self.activation_dynamics =
-                    Some(choice(value, ActivationDynamics::ALL, ActivationDynamics::parse)?);
+                self.activation_dynamics = Some(choice(value, ActivationDynamics::ALL, ActivationDynamics::parse)?);
             }
             "passive_forces" => self.passive_forces = flag(value)?,
             "min_activation" => {
@@ -408,7 +407,9 @@ impl Settings {
             "effort_of" => return Some(Value::Text(self.effort_of.name().to_owned())),
             "effort_weight" => return Some(Value::Text(self.effort_weight.name().to_owned())),
             "muscle_curves" => return self.muscle_curves.map(|family| Value::Text(family.name().to_owned())),
-            "activation_dynamics" => return self.activation_dynamics.map(|family| Value::Text(family.name().to_owned())),
+            "activation_dynamics" => {
+                return self.activation_dynamics.map(|family| Value::Text(family.name().to_owned()));
+            }
             "passive_forces" => return Some(Value::Flag(self.passive_forces)),
             "min_activation" => return Some(Value::Number(self.min_activation)),
             "near_optimal" => return Some(Value::Number(self.near_optimal)),

@@ -96,9 +96,21 @@ pub fn unit(name: &str) -> &'static str {
         _ if name.starts_with("reserves.") || name.ends_with(".optimal_force") => "N m or N",
         "memory_limit_mb" => "MB",
         "noise_sd" => "m, rad",
-        "scheme" | "initial" | "bounds" | "load_sharing_grid" | "warm_start" | "regularity" | "trajectories"
-        | "method" | "muscle_dynamics" | "criterion" | "effort_of" | "effort_weight" | "passive_forces"
-        | "muscle_curves" | "activation_dynamics" => "",
+        "scheme"
+        | "initial"
+        | "bounds"
+        | "load_sharing_grid"
+        | "warm_start"
+        | "regularity"
+        | "trajectories"
+        | "method"
+        | "muscle_dynamics"
+        | "criterion"
+        | "effort_of"
+        | "effort_weight"
+        | "passive_forces"
+        | "muscle_curves"
+        | "activation_dynamics" => "",
         _ if name.ends_with(".role") => "",
         _ if name.ends_with("_scale") => "1",
         _ if name.contains("point.") || name.contains("centre_of_mass.") || name.contains(".radii.") => "m",

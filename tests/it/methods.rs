@@ -434,6 +434,26 @@ fn a_walking_trial_has_opensims_activations_where_strengths_are_opensims() {
 }
 
 #[test]
+fn lengths_of_a_walking_trial_are_opensims() {
+    let Some(walk) = walk() else { return };
+    let job = &walk.study.jobs[0];
+    let model = walk.study.model_of(job).unwrap();
+    let prepared = prepare(&model, &walk.study.motion, &job.settings, job.points);
+    let given = prepared.given.as_ref().unwrap();
+    let text = std::fs::read_to_string(shared("walking/lengths_and_moment_arms_opensim.csv").unwrap()).unwrap();
+    let mut worst: Vec<f64> = vec![0.0; model.muscles.len()];
+    for line in text.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let m = model.muscles.iter().position(|muscle| muscle.name == cells[1]).unwrap();
+        let length = given.at(cells[0].parse::<f64>().unwrap() - 0.48).paths[m][0];
+        worst[m] = worst[m].max((length - cells[2].parse::<f64>().unwrap()).abs());
+    }
+    for (muscle, worst) in model.muscles.iter().zip(&worst) {
+        println!("{:14} {:.5}", muscle.name, worst);
+    }
+}
+
+#[test]
 fn strengths_by_millards_curves_are_opensims() {
     let Some(walk) = walk() else { return };
     let job = &walk.study.jobs[0];

@@ -87,7 +87,8 @@ impl Portfolio {
         let ways = &options.portfolio;
         let far = state.error.largest() > ways.far && !ways.to_the_end;
         // What had to be made convex is so until the active set settles; then the exact Hessian is asked again.
-        let mut hopeless = question.is_in_doubt && (far || !self.is_settled);
+        let is_near = state.error.largest() < 1e-2;
+        let mut hopeless = question.is_in_doubt && (far || !(self.is_settled || is_near));
         let guess = self.active.clone()?;
         if !hopeless && self.is_settled && ways.guesses {
             let ceiling = Ceiling { most: question.most, is_in_doubt: question.is_in_doubt };
@@ -119,7 +120,10 @@ impl Portfolio {
         let error = state.error.largest();
         let coarse = options.interior_point.coarse;
         let (least, most, tolerance) = match model {
-            Model::Exact => (question.exact_delta, question.most, options.interior_point.fine),
+            Model::Exact => {
+                let fine = (ways.per_error * error.powf(1.5)).clamp(options.interior_point.fine, ways.per_error);
+                (question.exact_delta, question.most, fine)
+            }
             _ if ways.to_the_end => (question.delta, f64::INFINITY, coarse),
             _ => (question.delta, f64::INFINITY, (ways.per_error * error).clamp(coarse, ways.per_error)),
         };
