@@ -109,7 +109,7 @@ impl ActivationLaw {
         for _ in 0..60 {
             let found = self.rate(a, u);
             let miss = found.value - rate;
-            if miss == 0.0 || high - low <= 1e-15 {
+            if miss.abs() <= 4.0 * f64::EPSILON * rate.abs() || high - low <= 1e-15 {
                 break;
             }
             if miss > 0.0 {
@@ -118,11 +118,7 @@ impl ActivationLaw {
                 low = u
             }
             let next = u - miss / found.slopes[1];
-            let moved = (next - u).abs();
             u = if next > low && next < high { next } else { 0.5 * (low + high) };
-            if moved <= 1e-15 {
-                break;
-            }
         }
         u
     }

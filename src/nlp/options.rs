@@ -101,7 +101,10 @@ options! {
         few: usize = 200,
         /// Error above which what has been made convex stays so.
         far: f64 = 1.0,
-        /// Tolerance of the convex sub-problem: this share of the error, and no more.
+        /// Error below which the exact Hessian is asked whether the active set has settled or not.
+        at_hand: f64 = 1e-2,
+        /// Tolerance of the convex sub-problem: this share of the error, and no more; of the exact one this share of its
+        /// power 3/2.
         per_error: f64 = 1e-2,
         /// Steps of an interior point: far from a solution, in an impatient solve, and below the error `near`.
         steps: usize = 1,

@@ -49,15 +49,9 @@ impl Interior {
     fn start(&self, (here, error): (&Iterate, f64), scale: f64, numbers: &InteriorPointOptions) -> Self {
         let least = numbers.least_product * scale;
         let mu = (numbers.drawn_back * error.min(1.0).powf(1.5) * scale).max(self.mean()).max(least);
-        let [least, most] = [mu / numbers.centred, mu * numbers.centred];
-        // Where both are small, both are raised: one alone would spoil the row, or the gradient of the Lagrangian.
-        let small = (least / scale).sqrt();
-        let begin = |((s, nu), b): ((&f64, &f64), &f64)| {
-            let s = s.max(*b).max(0.1 * mu / scale);
-            let s = if s * nu < least { s.max((least / nu).min(small)) } else { s };
-            (s, nu.max(least / s).min(most / s))
-        };
-        let (s, nu) = self.s.iter().zip(&self.nu).zip(&here.inequalities).map(begin).unzip();
+        let s: Vec<f64> = self.s.iter().zip(&here.inequalities).map(|(s, b)| s.max(*b).max(0.1 * mu / scale)).collect();
+        let centred = numbers.centred;
+        let nu = self.nu.iter().zip(&s).map(|(nu, s)| nu.max(mu / (centred * s)).min(centred * mu / s)).collect();
         Self { s, nu }
     }
 

@@ -87,7 +87,7 @@ impl Portfolio {
         let ways = &options.portfolio;
         let far = state.error.largest() > ways.far && !ways.to_the_end;
         // What had to be made convex is so until the active set settles; then the exact Hessian is asked again.
-        let is_near = state.error.largest() < 1e-2;
+        let is_near = state.error.largest() < ways.at_hand;
         let mut hopeless = question.is_in_doubt && (far || !(self.is_settled || is_near));
         let guess = self.active.clone()?;
         if !hopeless && self.is_settled && ways.guesses {
