@@ -59,7 +59,17 @@ macro_rules! choices {
     };
 }
 
-pub(crate) use choices;
+/// The default of each of these.
+macro_rules! defaults {
+    ($($name:ident::$variant:ident),+ $(,)?) => {
+        $(impl Default for $name {
+            fn default() -> Self {
+                Self::$variant
+            }
+        })+
+    };
+}
+pub(crate) use {choices, defaults};
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,6 @@
 //! Activation dynamics: the rate ȧ = g(a, u) of an activation at an excitation.
 
-use crate::names::choices;
+use crate::names::{choices, defaults};
 
 choices! {
     /// How activations follow excitations.
@@ -12,11 +12,7 @@ choices! {
     }
 }
 
-impl Default for ActivationDynamics {
-    fn default() -> Self {
-        Self::Thesis
-    }
-}
+defaults!(ActivationDynamics::Thesis);
 
 /// The activation dynamics of a muscle.
 #[derive(Clone, Copy, Debug, PartialEq)]

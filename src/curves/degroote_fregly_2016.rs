@@ -39,7 +39,7 @@ impl Curves for DeGrooteFregly2016 {
         for [b1, b2, b3, b4] in ACTIVE {
             let down = b3 + b4 * l;
             let r = (l - b2) / down;
-            if !(r.abs() < 30.0) {
+            if r.is_nan() || r.abs() > 30.0 {
                 continue;
             }
             let (slope, bend) = ((b3 + b4 * b2) / (down * down), -2.0 * b4 * (b3 + b4 * b2) / down.powi(3));

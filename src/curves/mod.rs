@@ -15,7 +15,7 @@ pub use degroote_fregly_2016::DeGrooteFregly2016;
 pub use millard_2012::{Millard2012, MillardParameters};
 pub use thesis::{ForceVelocity, Thesis};
 
-use crate::names::choices;
+use crate::names::{choices, defaults};
 
 /// A value with its first and second derivative.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -62,11 +62,7 @@ choices! {
     }
 }
 
-impl Default for MuscleCurves {
-    fn default() -> Self {
-        Self::Thesis
-    }
-}
+defaults!(MuscleCurves::Thesis);
 
 /// What shapes the curves of a muscle, in each family.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -255,7 +255,7 @@ impl ModelFile {
             .map(|b| Body { name: b.name.clone(), mass: b.mass, inertia: b.inertia, centre_of_mass: b.centre_of_mass })
             .collect();
         let mechanics = Arc::new(Planar { gravity: self.gravity, bodies, joints, forces });
-        Ok(Model { name: self.name.clone(), mechanics, muscles, actuators })
+        Ok(Model { name: self.name.clone(), mechanics, muscles, actuators, min_activation: 0.0 })
     }
 
     /// Checks that a chain of joints connects each body to the ground, which determines its position.

@@ -37,6 +37,8 @@ pub struct Model {
     pub mechanics: Arc<dyn Mechanics>,
     pub muscles: Vec<Musculotendon>,
     pub actuators: Vec<Actuator>,
+    /// Lower bound of activations, unless a study sets `min_activation`.
+    pub min_activation: f64,
 }
 
 impl Model {
@@ -66,7 +68,8 @@ impl Model {
             coordinate.is_some_and(|c| spatial.linkage.free_number(c).is_some())
         };
         let actuators = spatial.skeleton.actuators.iter().filter(drives).cloned().collect();
-        Self { name: spatial.skeleton.name.clone(), actuators, mechanics: Arc::new(spatial), muscles }
+        let min_activation = spatial.skeleton.min_activation;
+        Self { name: spatial.skeleton.name.clone(), min_activation, actuators, mechanics: Arc::new(spatial), muscles }
     }
 
     /// Inertial forces less gravity, external loads and passive moments, by coordinate that moves by forces, N or N m; see

@@ -46,11 +46,6 @@ impl Damping {
     pub fn after_refusal(&mut self, used: f64) {
         self.delta = (self.options.retreat * used).max(self.options.least_refused);
     }
-
-    /// After the restoration.
-    pub fn reset(&mut self) {
-        self.delta = self.options.first;
-    }
 }
 
 impl DampingOptions {

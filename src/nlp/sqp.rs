@@ -239,12 +239,11 @@ impl<'p> Solver<'p> {
         } else {
             self.filter = Filter::new(self.options.filter, self.state.here.violation());
         }
+        // The multipliers of the point before are the best that is known.
         let here = &mut self.state.here;
-        here.equality_multipliers.fill(0.0);
-        here.inequality_multipliers.fill(0.0);
+        here.equality_multipliers = start.equality_multipliers;
+        here.inequality_multipliers = start.inequality_multipliers;
         self.state.error = here.kkt_error();
-        self.portfolio.forget();
-        self.damping.reset();
         Ok(())
     }
 

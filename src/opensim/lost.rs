@@ -68,13 +68,12 @@ pub fn others(model: Element<'_>, parts: &Parts<'_>, notes: &mut Notes) {
     }
     for (tag, names) in by_kind(parts.forces.iter().copied().filter(|force| muscles::is_muscle(*force))) {
         let lost = if tag.starts_with("DeGrooteFregly2016") {
-            "their smallest control is ignored: set min_activation"
+            continue;
         } else if tag.starts_with("Millard2012") {
-            "they have the curves of De Groote et al. 2016, as in Moco; muscle_curves = \"millard_2012\" takes their own. Their \
-             smallest activation is ignored: set min_activation"
+            "they have the curves of De Groote et al. 2016, as in Moco; muscle_curves = \"millard_2012\" takes their own"
         } else {
             "they have the curves of De Groote et al. 2016, as in Moco, and not their own, so that forces at a given state \
-             differ. Their smallest activation is ignored: set min_activation"
+             differ"
         };
         notes.changed(&format!("{} {tag}", names.len()), lost);
     }

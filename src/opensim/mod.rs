@@ -215,6 +215,7 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         read.passive.push(passive::passive(&reader, force, &read)?);
     }
     lost::forces(others.into_iter(), &mut notes);
+    read.muscles.min_activation = muscles::min_activation(&reader, &muscles)?;
     for force in muscles {
         read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);
     }

@@ -105,6 +105,22 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
     })
 }
 
+/// OpenSim's lower bound of activations.
+const MIN_ACTIVATION: f64 = 0.01;
+
+/// The lower bound of all activations: the least of all muscles.
+///
+/// # Errors
+/// If a number is not valid.
+pub fn min_activation<'d>(reader: &Reader<'d>, muscles: &[Element<'d>]) -> Result<f64> {
+    let mut least = f64::INFINITY;
+    for muscle in muscles {
+        let own = reader.number(*muscle, &["minimum_activation", "min_control"])?.unwrap_or(MIN_ACTIVATION);
+        least = least.min(if (0.0..=0.5).contains(&own) { own } else { MIN_ACTIVATION });
+    }
+    Ok(if least.is_finite() { least } else { 0.0 })
+}
+
 /// The damping of the kinds that have one, with the default of the class.
 fn damping<'d>(reader: &Reader<'d>, element: Element<'d>) -> Result<Option<f64>> {
     let default = if element.tag().starts_with("Millard2012Equilibrium") { 0.1 } else { 0.0 };

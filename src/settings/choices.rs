@@ -1,6 +1,6 @@
 //! Settings that are one of a few words.
 
-use crate::names::choices;
+use crate::names::{choices, defaults};
 
 choices! {
     /// How the continuous problem is transcribed.
@@ -135,16 +135,6 @@ choices! {
         /// never; no verdicts on uniqueness and no sensitivities
         Off = "off",
     }
-}
-
-macro_rules! defaults {
-    ($($name:ident::$variant:ident),+ $(,)?) => {
-        $(impl Default for $name {
-            fn default() -> Self {
-                Self::$variant
-            }
-        })+
-    };
 }
 
 defaults!(Method::Dynamic, MuscleDynamics::Full, Criterion::Polynomial, EffortOf::Activation, EffortWeight::None,);

@@ -17,7 +17,7 @@ use super::polynomial::LengthEntry;
 use super::surface::{Shape, Side, Surface};
 use super::{Axis, Body, Coordinate, Force, HeldPoint, Joint, Motion, Muscle, Role, Skeleton, Turn};
 use crate::curves::{ForceVelocity, MillardParameters};
-use crate::entries::{ActuatorEntry, CurvesEntry, FibreEntry, finite, named, positive, unique};
+use crate::entries::{ActuatorEntry, CurvesEntry, FibreEntry, finite, is_default, named, positive, unique};
 use crate::error::{Issue, Mistakes, Result, SourceFile, first, nearest};
 
 pub(super) type Checked<T> = std::result::Result<T, Issue>;
@@ -88,12 +88,21 @@ pub struct MusclesEntry {
     pub max_shortening_velocity: f64,
     /// Tendons with a slack length below this are rigid, m.
     pub rigid_tendon_below: f64,
+    /// Lower bound of all activations, unless a study sets `min_activation`.
+    #[serde(skip_serializing_if = "is_default")]
+    pub min_activation: f64,
 }
 
 impl Default for MusclesEntry {
     /// Time constants and velocity from the thesis.
     fn default() -> Self {
-        Self { activation_time: 0.12, deactivation_time: 0.12, max_shortening_velocity: 1.0, rigid_tendon_below: 0.0 }
+        Self {
+            activation_time: 0.12,
+            deactivation_time: 0.12,
+            max_shortening_velocity: 1.0,
+            rigid_tendon_below: 0.0,
+            min_activation: 0.0,
+        }
     }
 }
 
@@ -514,6 +523,11 @@ impl SkeletonFile {
         }
         let mut joints = mistakes.all(self.joint.iter().map(|joint| joint.check(&names)));
         let curve = mistakes.take(self.curves.check()).unwrap_or_default();
+        if !(0.0..=0.5).contains(&self.muscles.min_activation) {
+            let found = format!("found {}", self.muscles.min_activation);
+            let help = "it must be an activation from 0 to 0.5, such as 0.01";
+            mistakes.push(Issue::new(&["muscles", "min_activation"], found, help));
+        }
         let muscle = |muscle: &MuscleEntry| muscle.check(&names, (&self.muscles, &self.curves), curve);
         let muscles = mistakes.all(self.muscle.iter().map(muscle));
         let surfaces = mistakes.all(self.surface.iter().map(|surface| surface.check(&names)));
@@ -534,6 +548,7 @@ impl SkeletonFile {
             name: self.name.clone(),
             bodies,
             coordinates: self.coordinates(&joints).map_err(one)?,
+            min_activation: self.muscles.min_activation,
             joints,
             surfaces,
             held_points,

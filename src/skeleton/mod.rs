@@ -46,6 +46,8 @@ pub struct Skeleton {
     pub muscles: Vec<Muscle>,
     pub forces: Vec<Force>,
     pub actuators: Vec<Actuator>,
+    /// Lower bound of activations, unless a study sets it.
+    pub min_activation: f64,
     pub passive: Vec<Passive>,
     /// Gravitational acceleration, m/s².
     pub gravity: [f64; 3],

@@ -113,7 +113,7 @@ impl<'m> Plan<'m> {
         let mut mistakes = Mistakes::default();
         let coordinates =
             model.motion_coordinates().into_iter().map(|(name, is_angle)| (name.to_owned(), is_angle)).collect();
-        let mut base = Settings::default();
+        let mut base = Settings { min_activation: model.min_activation, ..Settings::default() };
         if model.spatial().is_some() {
             base.stages = SPATIAL_STAGES;
         }

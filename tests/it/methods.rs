@@ -433,6 +433,11 @@ fn a_walking_trial_has_opensims_activations_where_strengths_are_opensims() {
     assert!(inside > 40 && wide > 30, "{inside} {wide}");
 }
 
+/// OpenSim's path of these is shorter than the shortest one around either of their two cylinders alone.
+fn passes_through_a_cylinder(muscle: &str) -> bool {
+    muscle.starts_with("gaslat")
+}
+
 #[test]
 fn lengths_of_a_walking_trial_are_opensims() {
     let Some(walk) = walk() else { return };
@@ -441,16 +446,20 @@ fn lengths_of_a_walking_trial_are_opensims() {
     let prepared = prepare(&model, &walk.study.motion, &job.settings, job.points);
     let given = prepared.given.as_ref().unwrap();
     let text = std::fs::read_to_string(shared("walking/lengths_and_moment_arms_opensim.csv").unwrap()).unwrap();
-    let mut worst: Vec<f64> = vec![0.0; model.muscles.len()];
+    let mut worst = 0.0f64;
     for line in text.lines().skip(1) {
         let cells: Vec<&str> = line.split(',').collect();
         let m = model.muscles.iter().position(|muscle| muscle.name == cells[1]).unwrap();
         let length = given.at(cells[0].parse::<f64>().unwrap() - 0.48).paths[m][0];
-        worst[m] = worst[m].max((length - cells[2].parse::<f64>().unwrap()).abs());
+        let error = length - cells[2].parse::<f64>().unwrap();
+        if passes_through_a_cylinder(cells[1]) {
+            assert!((-1e-4..7e-3).contains(&error), "{line}: {error}");
+        } else {
+            worst = worst.max(error.abs());
+        }
     }
-    for (muscle, worst) in model.muscles.iter().zip(&worst) {
-        println!("{:14} {:.5}", muscle.name, worst);
-    }
+    println!("largest difference of a length: {:.2} mm", 1e3 * worst);
+    assert!(worst < 2e-4, "{worst}");
 }
 
 #[test]
@@ -461,16 +470,14 @@ fn strengths_by_millards_curves_are_opensims() {
     let prepared = prepare(&model, &walk.study.motion, &job.settings, job.points);
     let given = prepared.given.as_ref().unwrap();
     let mut worst = (0.0, String::new());
-    for muscle in &model.muscles {
+    for (m, muscle) in model.muscles.iter().enumerate() {
         let mut muscle = muscle.clone();
         (muscle.rigid_tendon, muscle.damping) = (true, 0.0);
         muscle.set_curves(MuscleCurves::Millard2012);
         let place = walk.muscles_with_strength.iter().position(|name| *name == muscle.name).unwrap();
-        let m = model.muscles.iter().position(|other| other.name == muscle.name).unwrap();
         let (mut squares, mut largest) = (0.0, 0.0f64);
         for (k, &time) in walk.instants.iter().enumerate() {
-            let instant = given.at(time - 0.48);
-            let [length, rate] = instant.paths[m];
+            let [length, rate] = given.at(time - 0.48).paths[m];
             let [none, full] = muscle.force_range(length, rate);
             // OpenSim's static optimisation takes the force along the fibre for that along the tendon.
             let sin = muscle.pennation_angle.sin() / muscle.fibre_length(length, 0.0);
@@ -479,16 +486,80 @@ fn strengths_by_millards_curves_are_opensims() {
             largest = largest.max(walk.strengths[k][place]);
         }
         let rms = (squares / walk.instants.len() as f64).sqrt() / largest;
-        // Its path passes an end of a cylinder, and differs by up to 7 mm.
-        let differs = muscle.name.starts_with("gaslat");
-        if differs {
-            println!("{}: RMS difference of strength {:.1} %", muscle.name, 100.0 * rms);
-        }
-        if rms > worst.0 && !differs {
+        if rms > worst.0 && !passes_through_a_cylinder(&muscle.name) {
             worst = (rms, muscle.name.clone());
         }
     }
+    println!("largest RMS difference of a strength: {:.2} % of its peak, {}", 100.0 * worst.0, worst.1);
     assert!(worst.0 < 0.003, "{worst:?}");
+}
+
+/// The walking trial with paths fitted to those of OpenSim, and these settings.
+fn fitted_walk(settings: &str) -> Option<Outcome> {
+    let model = shared("walking/subject_walk_scaled.osim")?;
+    let place = model.parent().unwrap().display();
+    let study = format!(
+        "name = \"walk\"\nmodel = \"walk.toml\"\nmotion = \"{place}/coordinates.sto\"\nloads = \"{place}/grf_walk.xml\"\n\
+         window = [0.48, 1.61]\n[base]\n\"body.*.role\" = \"free\"\n\"coordinate.mtp_angle_*.locked\" = true\n\
+         intervals = 57\nmethod = \"prescribed\"\npassive_forces = false\n\"muscle.*.active_width\" = 1.5\n\
+         bounds = \"both_boxed\"\nregularity = \"off\"\ntrajectories = true\nreserves = 1.0\n\
+         \"reserves.pelvis_tilt\" = 250.0\n\"reserves.pelvis_list\" = 250.0\n\"reserves.pelvis_rotation\" = 250.0\n\
+         \"reserves.pelvis_tx\" = 50.0\n\"reserves.pelvis_ty\" = 50.0\n\"reserves.pelvis_tz\" = 50.0\n{settings}"
+    );
+    let folder = folder(&[("study.toml", &study)]);
+    let paths = model.with_file_name("subject_walk_scaled_FunctionBasedPathSet.xml");
+    let [model, paths] = [&model, &paths].map(|path| path.to_str().unwrap());
+    let imported = sinew(&["import", model, "--paths", paths, "--out", "walk.toml"], folder.path());
+    assert_eq!(imported.status.code(), Some(0), "{}", text_of(&imported));
+    let study = Study::load(&folder.path().join("study.toml")).unwrap();
+    let job = &study.jobs[0];
+    let model = study.model_of(job).unwrap();
+    assert_eq!(job.settings.min_activation, 0.01, "as the model has it");
+    let outcome = solve(&model, &study.motion, &job.settings, job.points);
+    assert_eq!(outcome.job.status, Status::Converged, "{:?}", outcome.job.error);
+    Some(outcome)
+}
+
+/// MocoInverse has a mesh of 0.02 s and a coarser scheme. At its first instant alone it is far from all that follows.
+#[test]
+fn a_prescribed_walk_has_the_answer_of_moco_inverse() {
+    let settings = "stages = 3\nmuscle_dynamics = \"rigid_tendon\"\neffort_of = \"excitation\"\ninitial = \"steady\"\n";
+    let Some(outcome) = fitted_walk(settings) else { return };
+    let text = std::fs::read_to_string(shared("walking/moco_inverse_rigid.csv").unwrap()).unwrap();
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let rows: Vec<Vec<f64>> =
+        lines.map(|line| line.split(',').map(|x| x.parse().unwrap_or(f64::NAN)).collect()).collect();
+    let mut all = Vec::new();
+    for (column, name) in names.iter().enumerate() {
+        let Some(muscle) = name.strip_suffix("/activation") else { continue };
+        let own = signal(&outcome, "activation", muscle);
+        let start = own[0].0;
+        let at = |t: f64| {
+            let after = own.partition_point(|point| point.0 < t).clamp(1, own.len() - 1);
+            let [(t0, a0), (t1, a1)] = [own[after - 1], own[after]];
+            a0 + (a1 - a0) * (t - t0) / (t1 - t0)
+        };
+        let squares: Vec<f64> = rows[3..].iter().map(|row| (at(row[0] - 0.48 + start) - row[column]).powi(2)).collect();
+        all.push((squares.iter().sum::<f64>() / squares.len() as f64).sqrt());
+    }
+    all.sort_by(f64::total_cmp);
+    let (effort, median, worst) = (outcome.job.control_effort.unwrap(), all[all.len() / 2], all[all.len() - 1]);
+    println!("∫Σ control² = {effort:.4}; RMS of activations: median {median:.4}, largest {worst:.4}");
+    assert!((effort / 1.588 - 1.0).abs() < 0.005, "{effort}");
+    assert!(median < 0.005 && worst < 0.035, "{median} {worst}");
+}
+
+#[test]
+fn a_prescribed_walk_with_elastic_tendons_converges() {
+    let Some(outcome) = fitted_walk("stages = 2\n") else { return };
+    let job = &outcome.job;
+    assert!(job.feasibility.unwrap() < 1e-8 && job.stationarity.unwrap() < 1e-8);
+    // Each fibre balances its tendon at each point, by curves that did not produce it.
+    let soleus = |name: &str| signal(&outcome, name, "soleus_r");
+    let (force, length) = (soleus("force_n"), soleus("fibre_length"));
+    assert!(length.iter().all(|(_, l)| (0.4..1.6).contains(l)) && force.iter().all(|(_, f)| *f >= -1e-6));
+    println!("effort with elastic tendons {:.4} after {} iterations", job.effort.unwrap(), job.iterations.unwrap());
 }
 
 #[test]

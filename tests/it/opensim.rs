@@ -179,7 +179,11 @@ fn arm26_has_the_lengths_and_moment_arms_of_opensim() {
     goes_round(&imported);
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/models/arm26.toml");
     let committed = SkeletonFile::load(&SourceFile::read(&committed).unwrap()).unwrap();
-    assert_eq!(format!("{committed:?}"), format!("{:?}", skeleton(&imported)), "data/models/arm26.toml is stale");
+    // Shipped models have the thesis' curves and bound.
+    let mut same = imported.file.clone();
+    same.curves = Default::default();
+    same.muscles.min_activation = 0.0;
+    assert_eq!(format!("{committed:?}"), format!("{:?}", same.check().unwrap()), "data/models/arm26.toml is stale");
     let coordinates = ["r_shoulder_elev", "r_elbow_flex"];
     let worst = worst_errors(&skeleton(&imported), &std::fs::read_to_string(sample).unwrap(), &coordinates);
     assert_eq!(worst.len(), 6);

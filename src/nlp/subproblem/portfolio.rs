@@ -49,10 +49,6 @@ impl Portfolio {
         self.active = None;
     }
 
-    pub fn forget(&mut self) {
-        (self.active, self.interior) = (None, None);
-    }
-
     /// Step and multipliers of the sub-problem at `state` with at least this δ; `to_the_end`: where a rough step would
     /// not do.
     pub fn solve(

@@ -254,8 +254,6 @@ fn damping_falls_after_whole_steps_and_rises_after_refusals() {
     assert_eq!(damping.delta, options.retreat * 1e-3);
     damping.after_failure(0.0);
     assert_eq!(damping.delta, options.retreat * options.least_failed);
-    damping.reset();
-    assert_eq!(damping.delta, options.first);
     assert_eq!(options.raised(options.largest), None);
 }
 
