@@ -8,8 +8,8 @@
 //! ```
 //!
 //! Rows are stored in whole lanes, padded with zeros, and the border's columns start in a lane of their own, so that no
-//! loop has a remainder. The code is compiled for each vector register width, without fused multiply–add, so that the
-//! results are the same on all of them.
+//! loop has a remainder. The code is compiled for each vector register width, with fused multiply–add in all of them, so
+//! that the results are the same.
 
 use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut};
 use pulp::{Arch, Simd, WithSimd};
