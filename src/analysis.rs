@@ -6,6 +6,7 @@ use crate::mesh_error;
 use crate::methods::InverseProblem;
 use crate::methods::prediction::{Prediction, Setting, predict};
 use crate::motion::Measurement;
+use crate::near_optimal;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
 use crate::nlp::options::Termination;
@@ -155,6 +156,13 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
     let known = outcome.regularity.as_ref().map(|row| (row.a.deficiency, row.aj.deficiency));
     outcome.optima = optima(kkt, inverse, problem, &runs.optima, counter.as_mut(), known);
     outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
+    if converged && settings.near_optimal > 0.0 && !deadline.passed() {
+        let ranges = near_optimal::ranges(&solution, kkt, settings.near_optimal);
+        for (muscle, range) in outcome.muscles.iter_mut().zip(ranges) {
+            (muscle.mean_force_near_low_n, muscle.mean_force_near_high_n) =
+                range.map(|[low, high]| (low, high)).unzip();
+        }
+    }
     if converged {
         add_changes(&mut outcome, context, kkt, &solution);
     }

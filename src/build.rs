@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 /// Paths under `src/` that determine the numerical results of a job.
-const SOURCES: [&str; 25] = [
+const SOURCES: [&str; 26] = [
     "analysis.rs",
     "curves",
     "deadline.rs",
@@ -14,6 +14,7 @@ const SOURCES: [&str; 25] = [
     "methods",
     "model",
     "motion",
+    "near_optimal.rs",
     "nlp",
     "numerics",
     "plausibility.rs",

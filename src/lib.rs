@@ -28,6 +28,7 @@
 //! warm.rs         a solved problem as the start of another
 //! solution/       a solved problem → loads, errors, functions of time
 //! mesh_error.rs   estimated discretisation error of effort and loads
+//! near_optimal.rs how far loads could be otherwise at nearly the same cost
 //! plausibility.rs warnings about converged results that should not be trusted without checking
 //! uniqueness.rs   how far an answer that is not unique may move; sensitivities
 //! analysis.rs     the runs of a job → its rows
@@ -76,6 +77,7 @@ mod methods;
 mod model;
 mod motion;
 mod names;
+mod near_optimal;
 mod nlp;
 mod numerics;
 mod opensim;

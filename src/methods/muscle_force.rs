@@ -56,12 +56,17 @@ impl<'m> MuscleForce<'m> {
         }
     }
 
+    /// The slopes of f_m, by variable.
+    pub fn slopes(&self, z: &[f64]) -> Vec<(usize, f64)> {
+        match self {
+            Self::Contraction(own) => own.fibre_force_slopes(z).to_vec(),
+            Self::Linear(own) => vec![(own.activation, own.law(z)[0])],
+        }
+    }
+
     /// How f_m changes along the direction `dz`.
     pub fn change(&self, z: &[f64], dz: &[f64]) -> f64 {
-        match self {
-            Self::Contraction(own) => own.fibre_force_change(z, dz),
-            Self::Linear(own) => own.law(z)[0] * dz[own.activation],
-        }
+        self.slopes(z).into_iter().map(|(variable, slope)| slope * dz[variable]).sum()
     }
 
     /// The fibre, if there is one.

@@ -49,9 +49,9 @@ pub struct Settings {
     #[schemars(range(min = 0.0, max = 0.5))]
     #[serde(skip_serializing_if = "is_zero")]
     pub min_activation: f64,
-    /// ε of the near-optimal ranges (`static`): how far each muscle's mean force could be otherwise while the cost is higher by no more
-    /// than ε times the muscles' part of it; 0 for none. Takes up to 50 small
-    /// programmes a muscle and instant.
+    /// ε of the near-optimal ranges: how far each muscle's mean force could be otherwise while the cost is higher by no more than ε
+    /// times the muscles' part of it; 0 for none. Exact with `static`, where it takes up to 50 small programmes a muscle and
+    /// instant; otherwise an estimate by a quadratic model, which takes about as long as ten solves a muscle.
     #[schemars(range(min = 0.0, max = 10.0))]
     #[serde(skip_serializing_if = "is_zero")]
     pub near_optimal: f64,

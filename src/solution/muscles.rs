@@ -3,6 +3,7 @@
 use super::Solution;
 use crate::methods::InverseProblem;
 use crate::methods::muscle_force::Fibre;
+use crate::nlp::iterate::Iterate;
 use crate::outcome::MuscleRow;
 use crate::transcription::collocation::Collocation;
 use crate::transcription::scheme::{Combination, evaluate, gauss};
@@ -52,6 +53,45 @@ impl Solution<'_> {
             }
         }
         slopes
+    }
+
+    /// The gradient of each muscle's mean force, N per entry of x.
+    pub fn mean_force_gradients(&self) -> Vec<Vec<f64>> {
+        let duration = self.duration();
+        let mut gradients = vec![vec![0.0; self.iterate.x.len()]; self.model().muscles.len()];
+        for (j, weight) in self.problem.scheme.quadrature().into_iter().enumerate() {
+            let point = &self.problem.points[j];
+            if !point.complete {
+                continue;
+            }
+            let z = self.problem.local(j, &self.iterate.x);
+            for (gradient, force) in gradients.iter_mut().zip(&self.inverse.forces) {
+                let unit = weight / duration * force.muscle().max_isometric_force;
+                for (variable, slope) in force.slopes(&z) {
+                    let terms = &point.map.combinations[variable];
+                    terms.iter().for_each(|&(index, weight)| gradient[index] += unit * slope * weight);
+                }
+            }
+        }
+        gradients
+    }
+
+    /// Each muscle's mean force, N.
+    pub fn mean_forces(&self) -> Vec<f64> {
+        self.muscle_rows().into_iter().map(|row| row.mean_force_n).collect()
+    }
+
+    /// The muscles' part of the objective: what it falls by without activations and excitations.
+    pub fn muscle_cost(&self) -> f64 {
+        let coefficients = self.problem.scheme.coefficients();
+        let muscles = &self.inverse.muscles;
+        let mut idle = self.iterate.x.clone();
+        for quantity in [Some(muscles.activation), muscles.excitation].into_iter().flatten() {
+            for member in 0..coefficients.members(quantity) {
+                (0..coefficients.count(quantity)).for_each(|k| idle[coefficients.index(quantity, k, member)] = 0.0);
+            }
+        }
+        self.iterate.objective - Iterate::new(self.problem, idle).objective
     }
 
     pub fn muscle_rows(&self) -> Vec<MuscleRow> {

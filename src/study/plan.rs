@@ -584,7 +584,6 @@ impl<'m> Plan<'m> {
                 settings.criterion != Criterion::MinMax || settings.effort_weight == own.effort_weight,
                 quoted(settings.effort_weight.name()),
             ),
-            ("near_optimal", is_static || settings.near_optimal == 0.0, settings.near_optimal.to_string()),
             ("effort_of", has_effort, quoted(settings.effort_of.name())),
             (
                 "initial",

@@ -442,8 +442,8 @@ fn muscles<'o>() -> Vec<Column<Line<'o, MuscleRow>>> {
         C::number(
             "mean_force_near_low_n",
             "N",
-            "least mean force where the cost is higher by no more than `near_optimal` times the muscles' part of it; null if not \
-             asked for, or if a programme failed",
+            "least mean force where the cost is higher by no more than `near_optimal` times the muscles' part of it; exact with \
+             `static`, else an estimate; null if not asked for, if a programme failed, or if the model of the estimate is not convex",
             |l| l.row.mean_force_near_low_n,
         ),
         C::number("mean_force_near_high_n", "N", "greatest of these", |l| l.row.mean_force_near_high_n),

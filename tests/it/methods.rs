@@ -6,7 +6,7 @@ use sinew::internals::deadline::Deadline;
 use sinew::internals::methods::given_motion::{GivenMotion, Instant};
 use sinew::internals::model::Model;
 use sinew::internals::motion::MotionTable;
-use sinew::internals::outcome::{Outcome, Status};
+use sinew::internals::outcome::{MuscleRow, Outcome, Status};
 use sinew::internals::recruitment::{Criterion as Recruited, Programme, Term};
 use sinew::internals::settings::{
     Bounds, Criterion, EffortOf, EffortWeight, Initial, Method, MuscleDynamics, RegularityMode, Scheme, Settings,
@@ -182,6 +182,34 @@ fn where_activation_dynamics_do_not_matter_a_prescribed_motion_has_the_static_lo
             assert!((a - b).abs() < 1e-5 * (1.0 + a.abs()), "{} at {t}: {a} {b}", muscle.name);
         }
     }
+}
+
+/// The same budget may be spent at any time, not at each instant in proportion to its own effort.
+#[test]
+fn near_optimal_ranges_over_time_hold_those_of_the_instants() {
+    let (model, table) = arm();
+    let ranges = |method: Method, near_optimal: f64| -> Vec<[Option<f64>; 3]> {
+        let settings = with(|s| {
+            (s.method, s.muscle_dynamics, s.bounds) = (method, MuscleDynamics::RigidTendon, Bounds::ActivationBoxed);
+            s.near_optimal = near_optimal;
+        });
+        let outcome = outcome_of(&model, &table, &settings);
+        let of = |row: &MuscleRow| [row.mean_force_near_low_n, Some(row.mean_force_n), row.mean_force_near_high_n];
+        outcome.muscles.iter().map(of).collect()
+    };
+    assert!(ranges(Method::Prescribed, 0.0).iter().all(|[low, _, high]| low.is_none() && high.is_none()));
+    let (instants, over_time) = (ranges(Method::Static, 0.05), ranges(Method::Prescribed, 0.05));
+    let mut compared = 0;
+    for (muscle, (one, other)) in model.muscles.iter().zip(instants.into_iter().zip(over_time)) {
+        let ([Some(low), Some(_), Some(high)], [Some(least), Some(mean), Some(most)]) = (one, other) else { continue };
+        compared += 1;
+        let width = high - low;
+        assert!(least <= mean && mean <= most);
+        let name = &muscle.name;
+        assert!(least < low + 0.03 * width && most > high - 0.03 * width, "{name}: {least} {low} {high} {most}");
+        assert!(most - least < 2.0 * width + 1e-3, "{name}: {least} to {most}, {low} to {high}");
+    }
+    assert!(compared >= 3, "{compared}");
 }
 
 /// With shorter and shorter tendons on the same fibres, elastic ones come to the answer of rigid ones.

@@ -9,6 +9,8 @@ use crate::terminal::{heading, print as say};
 
 /// A muscle without activation counts as idle only if its mean force is below this, N; otherwise it is passive.
 const MAX_IDLE_FORCE: f64 = 1.0;
+/// What a method is: shown beside its loads, so that methods can be compared.
+const METHOD_AXES: [&str; 6] = ["method", "muscle_dynamics", "criterion", "effort_power", "effort_of", "muscle_curves"];
 /// Number of muscles shown without `--wide`: those with the largest mean forces.
 const TOP: usize = 6;
 
@@ -40,13 +42,26 @@ pub fn print_forces(results: &Results, extent: Extent) {
         let number = |column: &str| muscles.number(column, at).unwrap_or(f64::NAN);
         match muscles.flag("idle", at) {
             Some(true) if number("mean_force_n") < MAX_IDLE_FORCE => "idle".to_owned(),
-            _ => format!("{:.1}/{:.1}", number("mean_force_n"), number("peak_force_n")),
+            _ => {
+                let near = ["mean_force_near_low_n", "mean_force_near_high_n"].map(number);
+                let near = if near.iter().all(|force| force.is_finite()) {
+                    format!(" ({:.1}–{:.1})", near[0], near[1])
+                } else {
+                    String::new()
+                };
+                format!("{:.1}{near}/{:.1}", number("mean_force_n"), number("peak_force_n"))
+            }
         }
     };
     say("");
-    say(&heading("Muscle forces, mean/peak in N, the largest first"));
+    let has_near = (0..muscles.rows()).any(|row| muscles.number("mean_force_near_low_n", row).is_some());
+    let near = if has_near { ", in brackets what the mean could be at nearly the same cost" } else { "" };
+    say(&heading(&format!("Muscle forces, mean/peak in N{near}, the largest first")));
     let mut sheet = Sheet::default();
     sheet.number("job", 0, (0..extent.jobs).map(|row| results.index(row)).collect());
+    if results.axes.iter().any(|axis| METHOD_AXES.contains(&axis.as_str())) {
+        sheet.text("method", 0, (0..extent.jobs).map(|row| method(results, row)).collect());
+    }
     for (place, (name, _)) in most.iter().enumerate() {
         let rank = u8::try_from(place).unwrap_or(u8::MAX);
         sheet.number(*name, rank, (0..extent.jobs).map(|row| cell(row, name)).collect());
@@ -55,6 +70,18 @@ pub fn print_forces(results: &Results, extent: Extent) {
     if shown < count {
         say(&format!("({}: --wide prints all, `sinew report` plots them)", counted(count - shown, "more muscle")));
     }
+}
+
+/// The method of a job in a few words, defaults left out.
+fn method(results: &Results, row: usize) -> String {
+    let swept = METHOD_AXES.into_iter().filter(|axis| results.axes.iter().any(|own| own == axis));
+    let said = swept.filter_map(|axis| match (axis, results.swept(axis, row)) {
+        ("effort_power", value) => (value != "2").then(|| format!("p = {value}")),
+        ("effort_of", value) => (value != "activation").then(|| format!("of {value}")),
+        ("criterion", value) => (value != "polynomial").then_some(value),
+        (_, value) => Some(value),
+    });
+    said.collect::<Vec<_>>().join(", ")
 }
 
 /// Prints the declared load ratios.

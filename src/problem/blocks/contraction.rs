@@ -66,10 +66,10 @@ impl Contraction<'_> {
         self.muscle.fibre_force(z[self.activation], z[self.length], z[self.velocity])
     }
 
-    /// How f_m changes along the direction `dz`.
-    pub fn fibre_force_change(&self, z: &[f64], dz: &[f64]) -> f64 {
-        let force = self.fibre_force(z);
-        force.gradient.iter().zip(self.fibre_variables()).map(|(g, variable)| g * dz[variable]).sum()
+    /// The slopes of f_m, by variable.
+    pub fn fibre_force_slopes(&self, z: &[f64]) -> [(usize, f64); 3] {
+        let (variables, force) = (self.fibre_variables(), self.fibre_force(z));
+        [0, 1, 2].map(|i| (variables[i], force.gradient[i]))
     }
 
     /// a, l, l̇
