@@ -214,6 +214,18 @@ def table1_methods(results):
     return lines
 
 
+MOST_TRACKING_DEG = 2
+
+
+def tracks(job):
+    """Whether a job follows the motion closely enough to say anything about it."""
+    return job.status == "converged" and not job.tracking_rms_deg > MOST_TRACKING_DEG
+
+
+def criterion_of(keys):
+    return "min/max" if keys[0] == "min_max" else f"p = {keys[1]:g}"
+
+
 def abduction_methods(results):
     jobs = results.read("abduction_methods")
     ratios = pd.read_parquet(results.folder / "abduction_methods/ratios.parquet").set_index("job_id").value
@@ -222,26 +234,62 @@ def abduction_methods(results):
 
     def limits(job):
         own = muscles.loc[job]
-        if own.mean_force_near_low_n.isna().any():
-            return None
         teres, latissimus = own[own.muscle == "TeresMajor"], own[own.muscle.str.startswith("LatissimusDorsi")]
         low, high = "mean_force_near_low_n", "mean_force_near_high_n"
+        if pd.concat([teres, latissimus])[low].isna().any():
+            return None
         return teres[low].sum() / latissimus[high].sum(), teres[high].sum() / max(latissimus[low].sum(), 1e-9)
 
     lines = ["| girdle | method | muscles | criterion | −10° | 5° | 20° | with abduction the ratio | within 5 % of the effort |"]
     lines.append("|---" * 9 + "|")
     for keys, own in jobs.groupby([girdle, "method", "muscle_dynamics", "criterion", "effort_power"], sort=False):
-        own = own[own.status == "converged"].sort_values(angle)
-        values = ratios[own.job_id]
-        change = "falls" if values.iloc[-1] < values.iloc[0] else "rises"
-        near = "–"
-        if keys[1] == "static":
-            first, last = limits(own.job_id.iloc[0]), limits(own.job_id.iloc[-1])
+        own = own.sort_values(angle)
+        good = own[[tracks(job) for _, job in own.iterrows()]]
+        values = ratios[good.job_id]
+        change, near = "–", "–"
+        if len(good) > 1:
+            change = "falls" if values.iloc[-1] < values.iloc[0] else "rises"
+            first, last = limits(good.job_id.iloc[0]), limits(good.job_id.iloc[-1])
             if first and last:
                 near = "decided" if last[1] < first[0] or last[0] > first[1] else "not decided"
-        criterion = "min/max" if keys[3] == "min_max" else f"p = {keys[4]:g}"
-        cells = " | ".join(f"{value:.2f}" for value in values)
-        lines.append(f"| {keys[0]} | {keys[1]} | {keys[2]} | {criterion} | {cells} | {change} | {near} |")
+        cell = lambda job: f"{ratios[job.job_id]:.2f}" if tracks(job) else f"({ratios.get(job.job_id, float('nan')):.2f})"
+        cells = " | ".join(cell(job) for _, job in own.iterrows())
+        lines.append(f"| {keys[0]} | {keys[1]} | {keys[2]} | {criterion_of(keys[3:])} | {cells} | {change} | {near} |")
+    return lines
+
+
+PUBLISHED_ANTAGONISTS = {
+    "rhomboids": "Rhomboideus_",
+    "scapular trapezius": "TrapeziusScapula_",
+    "infraspinatus": "Infraspinatus_",
+    "iliac latissimus": "LatissimusDorsi_I",
+}
+
+
+def pectoralis_methods(results):
+    """A group responds if its force changes by more than 5 %."""
+    slack, name = "muscle.PectoralisMajor*.tendon_slack_length_scale", "pectoralis_methods"
+    jobs = results.read(name)
+    muscles = pd.read_parquet(results.folder / name / "muscles.parquet").set_index("job_id")
+    lines = ["| method | muscles | criterion | " + " | ".join(PUBLISHED_ANTAGONISTS) + " | the published finding |"]
+    lines.append("|---" * (4 + len(PUBLISHED_ANTAGONISTS)) + "|")
+    for keys, own in jobs.groupby(["method", "muscle_dynamics", "criterion", "effort_power"], sort=False):
+        own = own.sort_values(slack)
+        if not all(tracks(job) for _, job in own.iterrows()):
+            cells, finding = ["–"] * len(PUBLISHED_ANTAGONISTS), "left out: misses the motion by more than 2°"
+        else:
+            short, long = (muscles.loc[job] for job in own.job_id)
+            cells, risen, undecided = [], 0, False
+            for group in PUBLISHED_ANTAGONISTS.values():
+                of = [rows[rows.muscle.str.startswith(group)] for rows in (short, long)]
+                before, after = of[1].mean_force_n.sum(), of[0].mean_force_n.sum()
+                change = after / before - 1 if before > 0.01 else 0.0
+                risen += int(change > 0.05) - int(change < -0.05)
+                undecided |= bool(of[0].mean_force_near_low_n.sum() < of[1].mean_force_near_high_n.sum())
+                cells.append(f"{100 * change:+.0f} %")
+            finding = "holds" if risen == len(cells) else "reverses" if risen == -len(cells) else f"{risen} of {len(cells)}" if risen > 0 else "not seen"
+            finding += ", not decided within 5 %" if undecided else ""
+        lines.append(f"| {keys[0]} | {keys[1]} | {criterion_of(keys[2:])} | {' | '.join(cells)} | {finding} |")
     return lines
 
 
@@ -257,6 +305,7 @@ TABLES = {
     "arm26": arm26,
     "methods": methods,
     "abduction_methods": abduction_methods,
+    "pectoralis_methods": pectoralis_methods,
     "table1_methods": table1_methods,
 }
 

@@ -1,7 +1,7 @@
 //! Inverse methods beside the thesis' own: each answer is checked by code that did not produce it.
 
 use rand::{RngExt, SeedableRng};
-use sinew::internals::curves::MuscleCurves;
+use sinew::internals::curves::{ActivationDynamics, MuscleCurves};
 use sinew::internals::deadline::Deadline;
 use sinew::internals::methods::given_motion::{GivenMotion, Instant};
 use sinew::internals::model::Model;
@@ -31,6 +31,30 @@ fn with(change: impl FnOnce(&mut Settings)) -> Settings {
     settings
 }
 
+const FAMILIES: [MuscleCurves; 3] = [MuscleCurves::Thesis, MuscleCurves::DegrooteFregly2016, MuscleCurves::Millard2012];
+
+const KINDS: [(Method, MuscleDynamics, EffortOf); 8] = [
+    (Method::Dynamic, MuscleDynamics::Full, EffortOf::Activation),
+    (Method::Dynamic, MuscleDynamics::Force, EffortOf::Activation),
+    (Method::Static, MuscleDynamics::Full, EffortOf::Activation),
+    (Method::Static, MuscleDynamics::Force, EffortOf::Force),
+    (Method::Prescribed, MuscleDynamics::Full, EffortOf::Activation),
+    (Method::Prescribed, MuscleDynamics::Full, EffortOf::Excitation),
+    (Method::Prescribed, MuscleDynamics::RigidTendon, EffortOf::Excitation),
+    (Method::Prescribed, MuscleDynamics::RigidTendon, EffortOf::Activation),
+];
+
+/// The model with curves of a family, and what goes with them: pennation, damping, activation dynamics, a physiological v_max.
+fn with_curves(model: &Model, family: MuscleCurves) -> Model {
+    let mut model = model.clone();
+    for muscle in model.muscles.iter_mut().filter(|_| family != MuscleCurves::Thesis) {
+        (muscle.pennation_angle, muscle.damping, muscle.max_shortening_velocity) = (0.3, 0.05, 10.0);
+        muscle.activation.family = ActivationDynamics::DegrooteFregly2016;
+        muscle.set_curves(family);
+    }
+    model
+}
+
 fn outcome_of(model: &Model, table: &MotionTable, settings: &Settings) -> Outcome {
     solve(model, table, settings, settings.points(table.duration()).unwrap())
 }
@@ -44,20 +68,13 @@ fn signal(outcome: &Outcome, signal: &str, name: &str) -> Vec<(f64, f64)> {
 fn equations_of_every_method_have_their_derivatives() {
     let (model, table) = arm();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-    for (method, dynamics, effort) in [
-        (Method::Dynamic, MuscleDynamics::Force, EffortOf::Activation),
-        (Method::Static, MuscleDynamics::Full, EffortOf::Activation),
-        (Method::Static, MuscleDynamics::Force, EffortOf::Force),
-        (Method::Prescribed, MuscleDynamics::Full, EffortOf::Activation),
-        (Method::Prescribed, MuscleDynamics::Full, EffortOf::Excitation),
-        (Method::Prescribed, MuscleDynamics::RigidTendon, EffortOf::Excitation),
-        (Method::Prescribed, MuscleDynamics::RigidTendon, EffortOf::Activation),
-    ] {
+    let models = FAMILIES.map(|family| with_curves(&model, family));
+    for (model, (method, dynamics, effort)) in models.iter().flat_map(|model| KINDS.map(|kind| (model, kind))) {
         let settings = with(|s| {
             (s.method, s.muscle_dynamics, s.effort_of) = (method, dynamics, effort);
             (s.bounds, s.min_activation) = (Bounds::BothBoxed, 0.02);
         });
-        let prepared = prepare(&model, &table, &settings, settings.points(table.duration()).unwrap());
+        let prepared = prepare(model, &table, &settings, settings.points(table.duration()).unwrap());
         let control = &prepared.inverse.control;
         for t in [0.1, 0.37, 0.8] {
             let mut z = random_instant(&prepared.inverse, &mut rng);
@@ -275,7 +292,7 @@ fn random_arms_are_solved_by_every_method_or_certified_infeasible() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(200);
     let (mut converged, mut infeasible, mut all) = (0, 0, 0);
     for round in 0..50 {
-        let mut model = model.clone();
+        let mut model = with_curves(&model, FAMILIES[round % 3]);
         for muscle in &mut model.muscles {
             muscle.max_isometric_force *= rng.random_range(0.3..3.0);
             muscle.optimal_fibre_length *= rng.random_range(0.9..1.1);
@@ -459,6 +476,40 @@ fn a_walking_trial_has_opensims_activations_where_strengths_are_opensims() {
     let wide = ranges.iter().take(places.len()).filter(|[low, high]| high - low > 0.02).count();
     println!("{inside} of 50 disturbed optima are within 5 %; {wide} of {} ranges are above 0.02", places.len());
     assert!(inside > 40 && wide > 30, "{inside} {wide}");
+}
+
+/// OpenSim takes the force along the fibre for that along the tendon, and has other paths of gastrocnemius lateralis.
+#[test]
+fn a_walking_trial_with_millards_curves_is_near_opensims_static_optimisation() {
+    let Some(walk) = walk() else { return };
+    let job = &walk.study.jobs[0];
+    let model = walk.study.model_of(job).unwrap();
+    let settings = Settings {
+        muscle_curves: Some(MuscleCurves::Millard2012),
+        passive_forces: false,
+        trajectories: true,
+        ..job.settings.clone()
+    };
+    let outcome = solve(&model, &walk.study.motion, &settings, job.points);
+    assert_eq!(outcome.job.status, Status::Converged, "{:?}", outcome.job.error);
+    let mut all: Vec<(f64, &str)> = Vec::new();
+    let is_muscle = |name: &str| model.muscles.iter().any(|muscle| muscle.name == name);
+    for (place, name) in walk.muscles.iter().enumerate().filter(|(_, name)| is_muscle(name)) {
+        let own = signal(&outcome, "activation", name);
+        let at = |t: f64| {
+            let after = own.partition_point(|point| point.0 < t).clamp(1, own.len() - 1);
+            let [(t0, a0), (t1, a1)] = [own[after - 1], own[after]];
+            a0 + (a1 - a0) * (t - t0) / (t1 - t0)
+        };
+        // The first instant of the job is one sixth of a mesh interval after that of the trial.
+        let pairs = walk.instants.iter().zip(&walk.activations).skip(2);
+        let squares: Vec<f64> = pairs.map(|(&t, row)| (at(t) - row[place]).powi(2)).collect();
+        all.push(((squares.iter().sum::<f64>() / squares.len() as f64).sqrt(), name));
+    }
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    println!("RMS differences of activations with millard_2012:");
+    all.iter().for_each(|(rms, name)| println!("{name:14} {rms:.4}"));
+    assert!(all[0].0 < 0.03 && all[all.len() / 2].0 < 0.005, "{:?}", &all[..3]);
 }
 
 /// OpenSim's path of these is shorter than the shortest one around either of their two cylinders alone.
