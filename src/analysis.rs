@@ -6,6 +6,7 @@ use crate::mesh_error;
 use crate::methods::InverseProblem;
 use crate::methods::prediction::{Prediction, Setting, predict};
 use crate::motion::Measurement;
+use crate::names::counted;
 use crate::near_optimal;
 use crate::nlp::iterate::Iterate;
 use crate::nlp::kkt::Kkt;
@@ -162,6 +163,11 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
             (muscle.mean_force_near_low_n, muscle.mean_force_near_high_n) =
                 range.map(|[low, high]| (low, high)).unzip();
         }
+        let missing = outcome.muscles.iter().filter(|muscle| muscle.mean_force_near_low_n.is_none()).count();
+        outcome.job.remark = (missing > 0).then(|| {
+            let ranges = counted(missing, "near-optimal range");
+            format!("{ranges} missing: the quadratic model is not convex there, or there is no effort")
+        });
     }
     if converged {
         add_changes(&mut outcome, context, kkt, &solution);

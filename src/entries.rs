@@ -3,7 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::curves::{ActivationDynamics, ActivationLaw, ForceVelocity, MillardParameters, MuscleCurves, Shape};
+use crate::curves::{
+    ActivationDynamics, ActivationLaw, DeGrooteFregly2016, ForceVelocity, MillardParameters, MuscleCurves, Shape,
+};
 use crate::error::{Issue, nearest};
 use crate::names;
 
@@ -16,9 +18,9 @@ pub struct CurvesEntry {
     /// How activations follow excitations, unless a study sets it.
     #[serde(skip_serializing_if = "is_default")]
     pub activation_dynamics: ActivationDynamics,
-    /// Force at infinite lengthening velocity relative to the isometric force, eq. (8).
+    /// Force at infinite lengthening velocity relative to the isometric force, eq. (8) (`thesis`).
     pub eccentric_limit: f64,
-    /// Curvature of the shortening branch, b3 of eq. (9); between 0 and 1.
+    /// Curvature of the shortening branch, b3 of eq. (9); between 0 and 1 (`thesis`).
     pub shortening_curvature: f64,
 }
 
@@ -69,6 +71,8 @@ pub struct FibreEntry {
     pub activation_steepness: Option<f64>,
     pub damping: Option<f64>,
     pub active_width: Option<f64>,
+    pub passive_strain: Option<f64>,
+    pub tendon_strain: Option<f64>,
     pub millard: Option<MillardParameters>,
 }
 
@@ -93,12 +97,20 @@ impl FibreEntry {
         force_velocity: ForceVelocity,
     ) -> std::result::Result<Fibre, Issue> {
         let key = |key: &'static str| ["muscle", muscle, key];
-        let (damping, active_width) = (self.damping.unwrap_or(0.0), self.active_width.unwrap_or(1.0));
+        let published = DeGrooteFregly2016::default();
+        let degroote = DeGrooteFregly2016 {
+            active_width: self.active_width.unwrap_or(published.active_width),
+            passive_strain: self.passive_strain.unwrap_or(published.passive_strain),
+            tendon_strain: self.tendon_strain.unwrap_or(published.tendon_strain),
+        };
+        let damping = self.damping.unwrap_or(0.0);
         let steepness = self.activation_steepness.unwrap_or(STEEPNESS);
         positive(&key("activation_time"), self.activation_time, "s")?;
         positive(&key("deactivation_time"), self.deactivation_time, "s")?;
         positive(&key("activation_steepness"), steepness, "0.1 in OpenSim, 10 switches sharply")?;
-        positive(&key("active_width"), active_width, "1 is the published width")?;
+        positive(&key("active_width"), degroote.active_width, "1 is the published width")?;
+        positive(&key("passive_strain"), degroote.passive_strain, "0.6 is the published strain")?;
+        positive(&key("tendon_strain"), degroote.tendon_strain, "0.049 is the published strain")?;
         if !(damping >= 0.0 && damping.is_finite()) {
             let help = "it must be at least 0; 0.1 is usual";
             return Err(Issue::new(&key("damping"), format!("found {damping}"), help));
@@ -111,7 +123,7 @@ impl FibreEntry {
         Ok(Fibre {
             activation: ActivationLaw { family, up: self.activation_time, down: self.deactivation_time, steepness },
             damping,
-            shape: Shape { force_velocity, active_width, millard },
+            shape: Shape { force_velocity, degroote, millard },
         })
     }
 }

@@ -11,7 +11,7 @@
 //! ```text
 //! settings/       the settings of a job
 //! study/          study file → axes → jobs; the identity of a job. Pure.
-//! curves.rs       force–length, force–velocity and tendon curves
+//! curves/         force–length, force–velocity and tendon curves
 //! entries.rs      what files of planar and spatial models share
 //! model/          bodies, joints, musculotendons, paths: file → checked model; tree/, spatial/: joint coordinates, wrapping
 //! skeleton/       a spatial model in joint coordinates: frames, paths around surfaces, moment arms

@@ -66,19 +66,19 @@ impl Search<'_> {
         }
         let mut t = 0.1 * largest(&self.gradient) / largest(slope);
         let (mut small, mut large): (Option<f64>, Option<f64>) = (None, None);
-        let mut last: Option<f64> = None;
+        // The longest within the budget.
+        let mut inside: Option<f64> = None;
         for _ in 0..MAX_STEPS {
             let (cost, change) = self.tilted(slope, sign * t)?;
             let ratio = cost / self.room;
-            let is_blocked = ratio < 1.0 && last.is_some_and(|last| (change - last).abs() <= LITTLE * change.abs());
+            let is_blocked = ratio < 1.0 && inside.is_some_and(|last| (change - last).abs() <= LITTLE * change.abs());
             if (ratio - 1.0).abs() <= ACCURACY || is_blocked {
                 return Some(change);
             }
-            last = (ratio < 1.0).then_some(change);
             if ratio < 1.0 {
-                small = Some(t)
+                (small, inside) = (Some(t), Some(change));
             } else {
-                large = Some(t)
+                large = Some(t);
             }
             let guess = t / ratio.clamp(1e-4, 1e4).sqrt();
             t = match (small, large) {
@@ -87,7 +87,7 @@ impl Search<'_> {
             };
         }
         // The budget lies at a corner: the inner side of it.
-        last
+        inside
     }
 
     /// What d costs, and cᵀd, where the model less t cᵀd is least.

@@ -14,7 +14,7 @@ pub struct WarningKind {
 }
 
 /// All kinds of warning.
-pub const WARNING_KINDS: [WarningKind; 11] = [
+pub const WARNING_KINDS: [WarningKind; 12] = [
     WarningKind {
         code: "tracking",
         limit: "tracking error above warn.tracking_deg (2°) or warn.tracking_mm (10 mm), RMS",
@@ -43,6 +43,11 @@ pub const WARNING_KINDS: [WarningKind; 11] = [
         limit: "fibre length below warn.fibre_length_min (0.4) or above warn.fibre_length_max (1.6) optimal fibre \
                 lengths",
         remedy: "the tendon slack length or the optimal fibre length does not fit the path",
+    },
+    WarningKind {
+        code: "pushing",
+        limit: "a force below -0.005 times the maximum isometric force: a tendon cannot push",
+        remedy: "the damped fibre shortens faster than its activation can pull: lower muscle.<name>.damping, or smooth the motion",
     },
     WarningKind {
         code: "left_out",
@@ -92,6 +97,8 @@ pub struct Warning {
 const MIN_FORCE_SHARE: f64 = 0.01;
 /// An excess of an activation or excitation over 1 up to this is rounding error.
 const ROUNDING_ERROR: f64 = 1e-6;
+/// A negative force beyond this times the maximum isometric force pushes.
+const PUSHING: f64 = 0.005;
 
 /// The warnings on a converged job.
 pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<Warning> {
@@ -152,6 +159,11 @@ pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<W
     if let Some((peak, row)) = worst(&|_, row| velocity(row)).filter(|(peak, _)| *peak > limits.fibre_velocity) {
         let more = count(&|_, row| velocity(row) > limits.fibre_velocity);
         warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths per second", row.muscle));
+    }
+    let push = |m: usize, row: &MuscleRow| times(-row.min_force_n, m);
+    if let Some((share, row)) = worst(&push).filter(|(share, _)| *share > PUSHING) {
+        let more = count(&|m, row| push(m, row) > PUSHING);
+        warn("pushing", format!("{}{more}: down to -{share:.3} times the maximum isometric force", row.muscle));
     }
     let left_out = |row: &MuscleRow| row.left_out_share.unwrap_or(0.0);
     if let Some((share, row)) = worst(&|_, row| left_out(row)).filter(|(share, _)| *share > 0.0) {

@@ -96,8 +96,13 @@ fn coarser(task: Task<'_>, clock: Clock) -> Option<Answer> {
     if task.settings.warm_start != WarmStart::Mesh || intervals % 2 == 1 || intervals / 2 < COARSE_INTERVALS {
         return None;
     }
-    let settings =
-        Settings { starts: 1, regularity: RegularityMode::Off, trajectories: false, ..task.settings.clone() };
+    let settings = Settings {
+        starts: 1,
+        regularity: RegularityMode::Off,
+        trajectories: false,
+        near_optimal: 0.0,
+        ..task.settings.clone()
+    };
     attempt(Task { settings: &settings, points: intervals / 2 + 1, ..task }, StartFrom::Guess, clock).1
 }
 
@@ -107,7 +112,8 @@ fn without_excitations(task: Task<'_>, clock: Clock) -> Option<Answer> {
     if task.settings.method != Method::Prescribed || task.settings.effort_of != EffortOf::Excitation {
         return None;
     }
-    let plain = Settings { regularity: RegularityMode::Off, trajectories: false, ..task.settings.clone() };
+    let plain =
+        Settings { regularity: RegularityMode::Off, trajectories: false, near_optimal: 0.0, ..task.settings.clone() };
     let settings = Settings { starts: 1, effort_of: EffortOf::Activation, ..plain };
     attempt(Task { settings: &settings, ..task }, StartFrom::Guess, clock).1
 }
@@ -212,8 +218,10 @@ fn try_solve(task: Task<'_>, from: StartFrom<'_>, clock: Clock) -> Result<(Outco
     }
     outcome.job.solve_s = Some(solve_s);
     outcome.job.rank_s = Some(ranked.elapsed().as_secs_f64());
-    outcome.job.remark = (runs.made < settings.starts)
+    let few = (runs.made < settings.starts)
         .then(|| format!("{} of {} starts were made before the time limit", runs.made, settings.starts));
+    let remarks: Vec<String> = few.into_iter().chain(outcome.job.remark.take()).collect();
+    outcome.job.remark = (!remarks.is_empty()).then(|| remarks.join("; "));
     let converged = runs.best.status == SqpStatus::Converged;
     outcome.solution = converged.then(|| SolutionPoint::of(&runs.best.iterate));
     let answer = converged.then(|| Answer::new(&problem, prepared.scheme.clone(), &runs.best.iterate));

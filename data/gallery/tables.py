@@ -279,16 +279,18 @@ def pectoralis_methods(results):
             cells, finding = ["–"] * len(PUBLISHED_ANTAGONISTS), "left out: misses the motion by more than 2°"
         else:
             short, long = (muscles.loc[job] for job in own.job_id)
-            cells, risen, undecided = [], 0, False
+            cells, risen, undecided, unknown = [], 0, False, False
             for group in PUBLISHED_ANTAGONISTS.values():
                 of = [rows[rows.muscle.str.startswith(group)] for rows in (short, long)]
                 before, after = of[1].mean_force_n.sum(), of[0].mean_force_n.sum()
                 change = after / before - 1 if before > 0.01 else 0.0
                 risen += int(change > 0.05) - int(change < -0.05)
-                undecided |= bool(of[0].mean_force_near_low_n.sum() < of[1].mean_force_near_high_n.sum())
+                ends = of[0].mean_force_near_low_n.sum(skipna=False), of[1].mean_force_near_high_n.sum(skipna=False)
+                unknown |= any(pd.isna(end) for end in ends)
+                undecided |= bool(ends[0] < ends[1])
                 cells.append(f"{100 * change:+.0f} %")
             finding = "holds" if risen == len(cells) else "reverses" if risen == -len(cells) else f"{risen} of {len(cells)}" if risen > 0 else "not seen"
-            finding += ", not decided within 5 %" if undecided else ""
+            finding += ", not decided within 5 %" if undecided else ", no ranges" if unknown else ""
         lines.append(f"| {keys[0]} | {keys[1]} | {criterion_of(keys[2:])} | {' | '.join(cells)} | {finding} |")
     return lines
 

@@ -57,13 +57,13 @@ impl ActivationLaw {
 
     /// `[(½ + f)/(τ_act s) + (½ − f) s/τ_deact] (u − a)`, f = ½ tanh(b (u − a)), s = ½ + 3/2 a.
     fn degroote_fregly(&self, a: f64, u: f64) -> ActivationRate {
-        let (gap, s) = (u - a, 0.5 + 1.5 * a);
+        let (gap, [s, s1]) = (u - a, slowness(a));
         let tanh = (self.steepness * gap).tanh();
         let f = 0.5 * tanh;
         let f1 = 0.5 * self.steepness * (1.0 - tanh * tanh);
         let f2 = -2.0 * self.steepness * tanh * f1;
-        let up = [1.0 / (self.up * s), -1.5 / (self.up * s * s), 4.5 / (self.up * s.powi(3))];
-        let down = [s / self.down, 1.5 / self.down];
+        let up = [1.0 / (self.up * s), -s1 / (self.up * s * s), 2.0 * s1 * s1 / (self.up * s.powi(3))];
+        let down = [s / self.down, s1 / self.down];
         let (more, turn) = (up[0] - down[0], up[1] - down[1]);
         let speed = (0.5 + f) * up[0] + (0.5 - f) * down[0];
         let own = (0.5 + f) * up[1] + (0.5 - f) * down[1];
@@ -91,7 +91,7 @@ impl ActivationLaw {
                 2.0 * -r / (q + q.signum() * discriminant)
             }
             ActivationDynamics::DegrooteFregly2016 => {
-                let s = 0.5 + 1.5 * a;
+                let [s, _] = slowness(a);
                 let slowest = (up / s).min(down * s);
                 self.solve(a, rate, 1.1 * rate / slowest)
             }
@@ -118,6 +118,11 @@ impl ActivationLaw {
         }
         u
     }
+}
+
+/// ½ + 3/2 a with its slope; constant below a = −0.2, where no solution is, but an iterate may be.
+fn slowness(a: f64) -> [f64; 2] {
+    if a < -0.2 { [0.2, 0.0] } else { [0.5 + 1.5 * a, 1.5] }
 }
 
 #[cfg(test)]

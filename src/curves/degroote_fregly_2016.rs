@@ -2,8 +2,6 @@
 //! `DeGrooteFregly2016Muscle` (Apache 2.0), which are the published ones but for f_l's last term and for f_v, put through
 //! f_v(−1) = 0 and f_v(0) = 1.
 
-use std::sync::LazyLock;
-
 use super::{Curves, Jet};
 
 /// b1 to b4 of the three terms of `f_l = Σ b1 exp(−½ (l − b2)²/(b3 + b4 l)²)`.
@@ -12,23 +10,39 @@ const ACTIVE: [[f64; 4]; 3] =
 /// d1 to d4 of `f_v = d1 ln(d2 v + d3 + √((d2 v + d3)² + 1)) + d4`.
 const VELOCITY: [f64; 4] = [-0.3211346127989808, -8.149, -0.374, 0.8825327733249912];
 const PASSIVE_EXPONENT: f64 = 4.0;
-/// Strain of the fibre at a passive force of 1.
-const PASSIVE_STRAIN: f64 = 0.6;
 /// Length at which the passive force is 0.
 const LEAST_LENGTH: f64 = 0.2;
 /// c1, and c3 = c1 c2^0 of `f_t = c1 exp(k (l_t − 1)) − c1`.
 const TENDON: f64 = 0.2;
-/// Strain of the tendon at a force of 1.
-const TENDON_STRAIN: f64 = 0.049;
 /// Below this force the inverse is a parabola, as the tendon cannot push by more than c1.
 const SLACK: f64 = -0.1;
 
-static TENDON_STIFFNESS: LazyLock<f64> = LazyLock::new(|| (1.0 + 1.0 / TENDON).ln() / TENDON_STRAIN);
-
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeGrooteFregly2016 {
     /// Width of f_l relative to the published one: l → 1 + (l − 1)/width.
     pub active_width: f64,
+    /// Strain of the fibre at a passive force of 1.
+    pub passive_strain: f64,
+    /// Strain of the tendon at a force of 1.
+    pub tendon_strain: f64,
+}
+
+impl Default for DeGrooteFregly2016 {
+    fn default() -> Self {
+        Self { active_width: 1.0, passive_strain: 0.6, tendon_strain: 0.049 }
+    }
+}
+
+impl DeGrooteFregly2016 {
+    /// k of f_t
+    fn tendon_stiffness(&self) -> f64 {
+        (1.0 + 1.0 / TENDON).ln() / self.tendon_strain
+    }
+
+    fn strain(&self, force: f64) -> Jet {
+        let (unit, x) = (1.0 / self.tendon_stiffness(), TENDON + force);
+        Jet { value: unit * (force / TENDON).ln_1p(), first: unit / x, second: -unit / (x * x) }
+    }
 }
 
 impl Curves for DeGrooteFregly2016 {
@@ -52,7 +66,7 @@ impl Curves for DeGrooteFregly2016 {
     }
 
     fn passive_force_length(&self, l: f64) -> Jet {
-        let rate = PASSIVE_EXPONENT / PASSIVE_STRAIN;
+        let rate = PASSIVE_EXPONENT / self.passive_strain;
         let offset = ((LEAST_LENGTH - 1.0) * rate).exp();
         let scale = 1.0 / (PASSIVE_EXPONENT.exp() - offset);
         let power = ((l - 1.0) * rate).exp();
@@ -71,9 +85,9 @@ impl Curves for DeGrooteFregly2016 {
     }
 
     fn tendon_force(&self, strain: f64) -> f64 {
-        let toe = toe();
+        let toe = self.strain(SLACK);
         if strain >= toe.value {
-            return TENDON * ((*TENDON_STIFFNESS * strain).exp() - 1.0);
+            return TENDON * ((self.tendon_stiffness() * strain).exp() - 1.0);
         }
         // strain = toe + first (f − SLACK) + second/2 (f − SLACK)², second < 0
         let below = strain - toe.value;
@@ -81,12 +95,12 @@ impl Curves for DeGrooteFregly2016 {
     }
 
     /// DEPARTURE [De Groote 2016]: below −0.1 the strain goes on as a parabola, because the tendon's force never falls to −0.2 and
-    /// an iterate may. The solver keeps forces at or above 0.
+    /// an iterate may.
     fn tendon_strain(&self, force: f64) -> Jet {
         if force >= SLACK {
-            return strain(force);
+            return self.strain(force);
         }
-        let (toe, below) = (toe(), force - SLACK);
+        let (toe, below) = (self.strain(SLACK), force - SLACK);
         Jet {
             value: toe.value + below * (toe.first + 0.5 * toe.second * below),
             first: toe.first + toe.second * below,
@@ -97,13 +111,4 @@ impl Curves for DeGrooteFregly2016 {
     fn keeps_thickness(&self) -> bool {
         true
     }
-}
-
-fn strain(force: f64) -> Jet {
-    let (unit, x) = (1.0 / *TENDON_STIFFNESS, TENDON + force);
-    Jet { value: unit * (force / TENDON).ln_1p(), first: unit / x, second: -unit / (x * x) }
-}
-
-fn toe() -> Jet {
-    strain(SLACK)
 }

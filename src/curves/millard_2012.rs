@@ -58,6 +58,11 @@ impl MillardParameters {
     pub fn defect(&self) -> Option<String> {
         let (least, most) = (self.min_active_length, self.max_active_length);
         let found = |what: &str| Some(format!("{what}: found {self:?}"));
+        let slopes = [self.ascending_slope, self.isometric_slope, self.concentric_slope, self.eccentric_slope];
+        let shoulder = 1.0 - self.ascending_slope * (0.95 - self.transition_length);
+        if !slopes.iter().all(|slope| *slope > 0.0 && slope.is_finite()) || shoulder.is_nan() || shoulder <= 0.0 {
+            return found("slopes must be positive, and ascending_slope so small that the limb does not fall below 0");
+        }
         if !(0.0 <= least && least < self.transition_length && self.transition_length < 0.95 && most > 1.15) {
             return found("min_active_length < transition_length < 0.95 and max_active_length > 1.15 do not hold");
         }

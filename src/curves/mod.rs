@@ -65,20 +65,13 @@ choices! {
 defaults!(MuscleCurves::Thesis);
 
 /// What shapes the curves of a muscle, in each family.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shape {
     /// `thesis`
     pub force_velocity: ForceVelocity,
-    /// `degroote_fregly_2016`: width of f_l relative to the published one.
-    pub active_width: f64,
+    pub degroote: DeGrooteFregly2016,
     /// `millard_2012`
     pub millard: MillardParameters,
-}
-
-impl Default for Shape {
-    fn default() -> Self {
-        Self { force_velocity: ForceVelocity::default(), active_width: 1.0, millard: MillardParameters::default() }
-    }
 }
 
 impl MuscleCurves {
@@ -86,7 +79,7 @@ impl MuscleCurves {
     pub fn with(self, shape: &Shape) -> Arc<dyn Curves> {
         match self {
             Self::Thesis => Arc::new(Thesis(shape.force_velocity)),
-            Self::DegrooteFregly2016 => Arc::new(DeGrooteFregly2016 { active_width: shape.active_width }),
+            Self::DegrooteFregly2016 => Arc::new(shape.degroote),
             Self::Millard2012 => Arc::new(Millard2012::new(&shape.millard)),
         }
     }
@@ -117,7 +110,8 @@ mod tests {
     #[test]
     fn derivatives_agree_with_differences() {
         for family in FAMILIES {
-            let shape = Shape { active_width: 1.3, ..Shape::default() };
+            let mut shape = Shape::default();
+            shape.degroote.active_width = 1.3;
             let own = family.with(&shape);
             check(&|l| own.active_force_length(l), [0.3, 1.95], &[0.401, 1.61875]);
             check(&|l| own.passive_force_length(l), [0.4, 1.8], &[]);

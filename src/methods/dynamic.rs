@@ -244,7 +244,7 @@ fn add_limits(problem: &mut Builder<'_>, model: &Model, muscles: &MuscleVariable
                 BoundKind::Excitation => (Bounded::Below(muscles.u.at(m)), least),
                 BoundKind::ActivationUpper => (Bounded::Above(muscles.a.at(m)), 1.0),
                 BoundKind::ExcitationUpper => (Bounded::Above(muscles.u.at(m)), 1.0),
-                // No tendon pushes (eq. 11).
+                // No tendon pushes (eq. 11); where a ≥ 0 only one with a damped fibre may, see the warning `pushing`.
                 BoundKind::Force => (Bounded::Function(muscles.fibre_force.at(m)), 0.0),
             };
             problem.limit(kind.name(), &muscle.name, bounded, bound);

@@ -81,12 +81,9 @@ impl<'m> MuscleForce<'m> {
         }
     }
 
-    /// The force without activation, N.
+    /// The force of the stretched fibre, N.
     pub fn passive_force(&self, z: &[f64]) -> f64 {
-        match self {
-            Self::Contraction(own) => own.muscle.passive_force(z[own.length]),
-            Self::Linear(own) => own.muscle.max_isometric_force * own.law(z)[1],
-        }
+        self.fibre(z).map_or(0.0, |fibre| self.muscle().passive_force(fibre.length))
     }
 
     /// Whether the muscle is left out, because it has no strength.

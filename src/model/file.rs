@@ -138,6 +138,10 @@ pub struct MuscleEntry {
     pub damping: Option<f64>,
     /// Width of the active force–length curve relative to the published one (`degroote_fregly_2016`); 1 if absent.
     pub active_width: Option<f64>,
+    /// Strain of the fibre at a passive force of 1 (`degroote_fregly_2016`); 0.6 if absent.
+    pub passive_strain: Option<f64>,
+    /// Strain of the tendon at a force of 1 (`degroote_fregly_2016`); 0.049 if absent.
+    pub tendon_strain: Option<f64>,
     /// Shape of the curves (`millard_2012`).
     pub millard: Option<MillardParameters>,
     /// Origin, via points, insertion: at least two points.
@@ -406,6 +410,8 @@ impl ModelFile {
             activation_steepness: m.activation_steepness,
             damping: m.damping,
             active_width: m.active_width,
+            passive_strain: m.passive_strain,
+            tendon_strain: m.tendon_strain,
             millard: m.millard,
         };
         let fibre = fibre.check(&m.name, self.curves.activation_dynamics, force_velocity)?;

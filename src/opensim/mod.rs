@@ -15,7 +15,7 @@
 //! | CoordinateLimitForce, SpringGeneralizedForce | `[[passive]]` |
 //! | CoordinateCouplerConstraint | `follows` |
 //! | PointConstraint | `[[held_point]]` |
-//! | Thelen2003-, Millard2012-, DeGrooteFregly2016Muscle | `[[muscle]]`: its parameters, with Sinew's curves |
+//! | Thelen2003-, Millard2012-, DeGrooteFregly2016Muscle | `[[muscle]]`: its parameters, with the curves of De Groote et al. 2016 |
 //! | Schutte1993-, RigidTendonMuscle | as above |
 //! | PathPoint, MovingPathPoint, ConditionalPathPoint | `path`: fixed, `moves` or `x`, `y`, `z`, `when` |
 //! | FunctionBasedPath | `length` |
@@ -215,7 +215,7 @@ pub fn import(source: &SourceFile) -> Result<Imported> {
         read.passive.push(passive::passive(&reader, force, &read)?);
     }
     lost::forces(others.into_iter(), &mut notes);
-    read.muscles.min_activation = muscles::min_activation(&reader, &muscles)?;
+    read.muscles.min_activation = muscles::min_activation(&muscles);
     for force in muscles {
         read.muscle.push(muscles::muscle(&reader, force, &mut notes)?);
     }

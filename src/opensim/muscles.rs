@@ -84,6 +84,7 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
         let lost = "it has a length, but no path: it is not drawn, and no loads of joints are given";
         notes.changed(&format!("muscle {name}"), lost);
     }
+    let millard = millard(reader, element, notes)?;
     let points = path.map_or_else(Vec::new, |path| path.objects(&["PathPointSet", "MusclePointSet"]));
     Ok(MuscleEntry {
         name: name.to_owned(),
@@ -93,10 +94,12 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
         pennation_angle: number(&["pennation_angle_at_optimal", "pennation_angle"])?.unwrap_or(0.0),
         activation_time: time(activation),
         deactivation_time: time(deactivation),
-        activation_steepness: None,
+        activation_steepness: number(&["activation_dynamics_smoothing"])?.filter(|b| *b > 0.0),
         damping: damping(reader, element)?,
         active_width: number(&["active_force_width_scale"])?.filter(|width| *width != 1.0),
-        millard: millard(reader, element, notes)?,
+        passive_strain: strain(reader, element, millard.map(|own| own.passive_strain_at_one), &PASSIVE_STRAINS)?,
+        tendon_strain: strain(reader, element, millard.map(|own| own.tendon_strain_at_one), &TENDON_STRAINS)?,
+        millard,
         max_shortening_velocity: Some(velocity),
         rigid_tendon: rigid.then_some(true),
         path: points.iter().map(|point| path_point(reader, *point, name, notes)).collect::<Result<_>>()?,
@@ -109,16 +112,13 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
 const MIN_ACTIVATION: f64 = 0.01;
 
 /// The lower bound of all activations: the least of all muscles.
-///
-/// # Errors
-/// If a number is not valid.
-pub fn min_activation<'d>(reader: &Reader<'d>, muscles: &[Element<'d>]) -> Result<f64> {
-    let mut least = f64::INFINITY;
-    for muscle in muscles {
-        let own = reader.number(*muscle, &["minimum_activation", "min_control"])?.unwrap_or(MIN_ACTIVATION);
-        least = least.min(if (0.0..=0.5).contains(&own) { own } else { MIN_ACTIVATION });
-    }
-    Ok(if least.is_finite() { least } else { 0.0 })
+pub fn min_activation(muscles: &[Element<'_>]) -> f64 {
+    let own = |muscle: &Element<'_>| {
+        let bound = |tag| muscle.text(tag).and_then(|text| text.trim().parse().ok());
+        let found: Option<f64> = ["minimum_activation", "min_control"].into_iter().find_map(bound);
+        found.filter(|least| (0.0..=0.5).contains(least)).unwrap_or(MIN_ACTIVATION)
+    };
+    muscles.iter().map(own).reduce(f64::min).unwrap_or(0.0)
 }
 
 /// The damping of the kinds that have one, with the default of the class.
@@ -128,7 +128,22 @@ fn damping<'d>(reader: &Reader<'d>, element: Element<'d>) -> Result<Option<f64>>
     Ok((found != 0.0).then_some(found))
 }
 
-/// The shape of Millard's curves, where it is not the default.
+/// Tags of the strain of a fibre at a passive force of 1, and of a tendon at a force of 1.
+const PASSIVE_STRAINS: [&str; 2] = ["passive_fiber_strain_at_one_norm_force", "FmaxMuscleStrain"];
+const TENDON_STRAINS: [&str; 2] = ["tendon_strain_at_one_norm_force", "FmaxTendonStrain"];
+
+/// A strain of De Groote's curves: that of Millard's, as Moco takes it, or of the file.
+fn strain<'d>(
+    reader: &Reader<'d>,
+    element: Element<'d>,
+    of_millard: Option<f64>,
+    tags: &[&str],
+) -> Result<Option<f64>> {
+    let found = if of_millard.is_some() { of_millard } else { reader.number(element, tags)? };
+    Ok(found.filter(|strain| *strain > 0.0))
+}
+
+/// The shape of Millard's curves.
 fn millard<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) -> Result<Option<MillardParameters>> {
     if !element.tag().starts_with("Millard2012") {
         return Ok(None);
@@ -159,7 +174,7 @@ fn millard<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) -> 
         notes.changed(&format!("muscle {}", element.name()), lost);
         return Ok(None);
     }
-    Ok((shape != MillardParameters::default()).then_some(shape))
+    Ok(Some(shape))
 }
 
 /// Reads a point of a muscle's path: fixed, moving or conditional.

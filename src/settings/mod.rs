@@ -45,7 +45,8 @@ pub struct Settings {
     /// Whether stretched fibres have a passive force.
     #[serde(skip_serializing_if = "is_true")]
     pub passive_forces: bool,
-    /// Lower bound of activations and, if they are bounded, of excitations.
+    /// Lower bound of activations and, if they are bounded, of excitations. The default is that of the model: 0.01 of one imported
+    /// from OpenSim, else 0.
     #[schemars(range(min = 0.0, max = 0.5))]
     #[serde(skip_serializing_if = "is_zero")]
     pub min_activation: f64,

@@ -372,6 +372,10 @@ pub struct MuscleEntry {
     pub damping: Option<f64>,
     /// Width of the active force–length curve relative to the published one (`degroote_fregly_2016`); 1 if absent.
     pub active_width: Option<f64>,
+    /// Strain of the fibre at a passive force of 1 (`degroote_fregly_2016`); 0.6 if absent.
+    pub passive_strain: Option<f64>,
+    /// Strain of the tendon at a force of 1 (`degroote_fregly_2016`); 0.049 if absent.
+    pub tendon_strain: Option<f64>,
     /// Shape of the curves (`millard_2012`).
     pub millard: Option<MillardParameters>,
     /// Whether the tendon is rigid; determined by `rigid_tendon_below` if absent.
@@ -1057,6 +1061,8 @@ impl MuscleEntry {
             activation_steepness: self.activation_steepness,
             damping: self.damping,
             active_width: self.active_width,
+            passive_strain: self.passive_strain,
+            tendon_strain: self.tendon_strain,
             millard: self.millard,
         };
         Ok(Muscle {

@@ -98,6 +98,8 @@ pub struct Plan<'m> {
     /// Names whose values may differ greatly from the model's.
     confirmed: &'m [String],
     model_table: &'m toml::Table,
+    /// Whether the base says what the model says otherwise.
+    sets_min_activation: bool,
 }
 
 impl<'m> Plan<'m> {
@@ -128,6 +130,7 @@ impl<'m> Plan<'m> {
             unmoved: model.mechanics.unmoved_coordinates(),
             confirmed: &file.confirm,
             model_table,
+            sets_min_activation: file.base.contains_key("min_activation"),
         };
         let base = flatten(&file.base);
         for (name, value) in &base {
@@ -211,6 +214,10 @@ impl<'m> Plan<'m> {
 
     /// Finds the paths that a name stands for, and checks that they exist.
     fn resolve(&mut self, name: &str) -> std::result::Result<(), InvalidValue> {
+        if name == "muscles.min_activation" {
+            let message = "`muscles.min_activation` is only what the model has where a study sets nothing";
+            return Err(InvalidValue::new(message, "set `min_activation` instead"));
+        }
         if is_model_path(name) && !self.paths.contains_key(name) {
             let paths = change::matching(self.model_table, name)?;
             for path in &paths {
@@ -439,6 +446,12 @@ impl<'m> Plan<'m> {
         let (mut settings, mut changes) = (self.base.clone(), self.base_changes.clone());
         for (name, value) in point.iter().filter(|(name, _)| **name != *axis::SAMPLE) {
             self.assign(&mut settings, &mut changes, name, value).map_err(|c| complaint_at(self.place(name), c))?;
+        }
+        // What the model says is for muscles with activations that are bounded.
+        let is_set = self.sets_min_activation || point.iter().any(|(name, _)| **name == *"min_activation");
+        let is_bounded = settings.method == Method::Static || settings.bounds.kinds().contains(&BoundKind::Activation);
+        if !is_set && (settings.muscle_dynamics == MuscleDynamics::Force || !is_bounded) {
+            settings.min_activation = 0.0;
         }
         Ok((settings, changes))
     }

@@ -69,10 +69,9 @@ impl ColumnKind {
 /// Unit of a swept name: for a setting from its name, for a number of the model from the last key of its path. Empty
 /// for texts and flags.
 pub fn unit(name: &str) -> &'static str {
-    const BY_ENDING: [(&str, &str); 19] = [
+    const BY_ENDING: [(&str, &str); 18] = [
         ("_active_length", "optimal fibre lengths"),
         ("transition_length", "optimal fibre lengths"),
-        ("damping", "maximum isometric forces"),
         ("_scale", "1"),
         ("_rotation", "rad"),
         (".rotation", "rad"),
@@ -111,7 +110,8 @@ pub fn unit(name: &str) -> &'static str {
         | "passive_forces"
         | "muscle_curves"
         | "activation_dynamics" => "",
-        _ if name.ends_with(".role") => "",
+        _ if name.ends_with(".role") || name == "curves.family" || name == "curves.activation_dynamics" => "",
+        _ if name.starts_with("muscle.") && name.ends_with(".damping") => "maximum isometric forces",
         _ if name.ends_with("_scale") => "1",
         _ if name.contains("point.") || name.contains("centre_of_mass.") || name.contains(".radii.") => "m",
         _ if name.starts_with("gravity.") => "m/s²",

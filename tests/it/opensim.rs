@@ -183,6 +183,9 @@ fn arm26_has_the_lengths_and_moment_arms_of_opensim() {
     let mut same = imported.file.clone();
     same.curves = Default::default();
     same.muscles.min_activation = 0.0;
+    for muscle in &mut same.muscle {
+        (muscle.passive_strain, muscle.tendon_strain) = (None, None);
+    }
     assert_eq!(format!("{committed:?}"), format!("{:?}", same.check().unwrap()), "data/models/arm26.toml is stale");
     let coordinates = ["r_shoulder_elev", "r_elbow_flex"];
     let worst = worst_errors(&skeleton(&imported), &std::fs::read_to_string(sample).unwrap(), &coordinates);

@@ -81,7 +81,7 @@ fn method(results: &Results, row: usize) -> String {
         ("criterion", value) => (value != "polynomial").then_some(value),
         (_, value) => Some(value),
     });
-    said.collect::<Vec<_>>().join(", ")
+    said.filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
 /// Prints the declared load ratios.

@@ -9,7 +9,7 @@
 //! | `muscle_dynamics` | N | P |
 //! |---|---|---|
 //! | `force` | F_o | 0 |
-//! | `rigid_tendon` | F_o f_l f_v cos θ of the given motion | F_o f_pe cos θ |
+//! | `rigid_tendon` | F_o f_l f_v cos α of the given motion | F_o (f_pe + β l̇) cos α |
 //! | `full` | F_o (f_t1 − f_t0), eqs (19)–(22) | F_o f_t0 |
 //!
 //! `problem` is the problem as any other method has it, so that tables, ranks and checks are the same; `instants` solves it, an
@@ -99,7 +99,9 @@ fn effort(force: &MuscleForce<'_>, of: EffortOf, z: &[f64]) -> [f64; 2] {
     let MuscleForce::Linear(LinearForce { known: Some(known), .. }) = force else { return [0.0, 1.0] };
     let (strength, passive) = (z[known.strength], z[known.passive]);
     match of {
-        EffortOf::Force if strength > 0.0 => [passive / (strength + passive), strength / (strength + passive)],
+        EffortOf::Force if strength > 0.0 && strength + passive > 0.0 => {
+            [passive / (strength + passive), strength / (strength + passive)]
+        }
         _ => [0.0, 1.0],
     }
 }

@@ -225,7 +225,7 @@ impl Block for Contraction<'_> {
         vec![[self.activation, self.length, self.velocity].into_iter().chain(self.excitation).collect()]
     }
 
-    /// A fibre velocity is measured against `b3 v_max + |l̇|`, the scale on which the force–velocity curve bends.
+    /// A fibre velocity is measured against `b v_max + |l̇|`, b v_max being the scale on which the force–velocity curve bends.
     fn weigh(&self, z: &[f64], weights: &mut [f64]) {
         let bend = self.muscle.curves.bending_velocity() * self.muscle.max_shortening_velocity;
         let velocity = 1.0 / (bend + z[self.velocity].abs());
