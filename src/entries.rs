@@ -70,6 +70,7 @@ pub struct FibreEntry {
     pub deactivation_time: f64,
     pub activation_steepness: Option<f64>,
     pub damping: Option<f64>,
+    pub effort_weight: Option<f64>,
     pub active_width: Option<f64>,
     pub passive_strain: Option<f64>,
     pub tendon_strain: Option<f64>,
@@ -81,6 +82,7 @@ pub struct FibreEntry {
 pub struct Fibre {
     pub activation: ActivationLaw,
     pub damping: f64,
+    pub effort_weight: f64,
     pub shape: Shape,
 }
 
@@ -103,7 +105,7 @@ impl FibreEntry {
             passive_strain: self.passive_strain.unwrap_or(published.passive_strain),
             tendon_strain: self.tendon_strain.unwrap_or(published.tendon_strain),
         };
-        let damping = self.damping.unwrap_or(0.0);
+        let (damping, effort_weight) = (self.damping.unwrap_or(0.0), self.effort_weight.unwrap_or(1.0));
         let steepness = self.activation_steepness.unwrap_or(STEEPNESS);
         positive(&key("activation_time"), self.activation_time, "s")?;
         positive(&key("deactivation_time"), self.deactivation_time, "s")?;
@@ -111,6 +113,7 @@ impl FibreEntry {
         positive(&key("active_width"), degroote.active_width, "1 is the published width")?;
         positive(&key("passive_strain"), degroote.passive_strain, "0.6 is the published strain")?;
         positive(&key("tendon_strain"), degroote.tendon_strain, "0.049 is the published strain")?;
+        positive(&key("effort_weight"), effort_weight, "1 is that of the other muscles")?;
         if !(damping >= 0.0 && damping.is_finite()) {
             let help = "it must be at least 0; 0.1 is usual";
             return Err(Issue::new(&key("damping"), format!("found {damping}"), help));
@@ -123,6 +126,7 @@ impl FibreEntry {
         Ok(Fibre {
             activation: ActivationLaw { family, up: self.activation_time, down: self.deactivation_time, steepness },
             damping,
+            effort_weight,
             shape: Shape { force_velocity, degroote, millard },
         })
     }

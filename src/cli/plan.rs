@@ -54,7 +54,8 @@ fn print_summary(study: &Study, reasons: &[Reason], out: &Path) {
     let ((bodies, joints), muscles) = (model.mechanics.bodies_and_joints(), model.muscles.len());
     let path = study.sources.model.path.display();
     print(&format!("model  {path} ({bodies} bodies, {joints} joints, {muscles} muscles)"));
-    let (instants, duration) = (study.motion.time.len(), study.motion.duration());
+    // Without what rounding leaves of a difference of times.
+    let (instants, duration) = (study.motion.time.len(), (1e9 * study.motion.duration()).round() / 1e9);
     print(&format!("motion {} ({instants} instants, {duration} s)", study.sources.motion.path.display()));
     if study.repeated > 0 {
         print(&format!("{} repeated jobs omitted", study.repeated));

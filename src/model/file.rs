@@ -136,6 +136,8 @@ pub struct MuscleEntry {
     pub activation_steepness: Option<f64>,
     /// Force of a passive damper beside the fibre at the maximum shortening velocity, maximum isometric forces; 0 if absent.
     pub damping: Option<f64>,
+    /// Factor on the weight of its effort in the objective, not of min/max; 1 if absent.
+    pub effort_weight: Option<f64>,
     /// Width of the active force–length curve relative to the published one (`degroote_fregly_2016`); 1 if absent.
     pub active_width: Option<f64>,
     /// Strain of the fibre at a passive force of 1 (`degroote_fregly_2016`); 0.6 if absent.
@@ -409,6 +411,7 @@ impl ModelFile {
             deactivation_time: m.deactivation_time,
             activation_steepness: m.activation_steepness,
             damping: m.damping,
+            effort_weight: m.effort_weight,
             active_width: m.active_width,
             passive_strain: m.passive_strain,
             tendon_strain: m.tendon_strain,
@@ -424,6 +427,7 @@ impl ModelFile {
             activation: fibre.activation,
             max_shortening_velocity: m.max_shortening_velocity,
             damping: fibre.damping,
+            effort_weight: fibre.effort_weight,
             shape: fibre.shape,
             curves: self.curves.family.with(&fibre.shape),
             rigid_tendon: false,

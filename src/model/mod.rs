@@ -56,6 +56,7 @@ impl Model {
                 activation: muscle.fibre.activation,
                 max_shortening_velocity: muscle.max_shortening_velocity,
                 damping: muscle.fibre.damping,
+                effort_weight: muscle.fibre.effort_weight,
                 shape: muscle.fibre.shape,
                 curves: muscle.curves.with(&muscle.fibre.shape),
                 rigid_tendon: muscle.rigid_tendon,

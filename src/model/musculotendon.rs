@@ -25,6 +25,8 @@ pub struct Musculotendon {
     /// β: force of a passive damper beside the fibre at the maximum shortening velocity, F_o. Not part of the passive force that
     /// [`Musculotendon::has_passive_force`] leaves out.
     pub damping: f64,
+    /// Factor on the weight of its effort.
+    pub effort_weight: f64,
     pub shape: Shape,
     pub curves: Arc<dyn Curves>,
     /// The tendon does not stretch: its length is L_s, whatever the force.
@@ -260,6 +262,7 @@ pub(crate) mod tests {
             activation: ActivationLaw { family: ActivationDynamics::Thesis, up: 0.05, down: 0.12, steepness: 0.1 },
             max_shortening_velocity: 2.0,
             damping: 0.03,
+            effort_weight: 1.0,
             shape: Shape::default(),
             curves: MuscleCurves::Thesis.with(&Shape::default()),
             rigid_tendon: false,

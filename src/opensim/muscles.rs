@@ -96,6 +96,7 @@ pub fn muscle<'d>(reader: &Reader<'d>, element: Element<'d>, notes: &mut Notes) 
         deactivation_time: time(deactivation),
         activation_steepness: number(&["activation_dynamics_smoothing"])?.filter(|b| *b > 0.0),
         damping: damping(reader, element)?,
+        effort_weight: None,
         active_width: number(&["active_force_width_scale"])?.filter(|width| *width != 1.0),
         passive_strain: strain(reader, element, millard.map(|own| own.passive_strain_at_one), &PASSIVE_STRAINS)?,
         tendon_strain: strain(reader, element, millard.map(|own| own.tendon_strain_at_one), &TENDON_STRAINS)?,

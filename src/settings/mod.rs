@@ -378,7 +378,7 @@ impl Settings {
         };
         let all: Vec<f64> = model.muscles.iter().map(of).collect();
         let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
-        all.into_iter().map(|weight| weight / mean).collect()
+        all.iter().zip(&model.muscles).map(|(weight, muscle)| weight / mean * muscle.effort_weight).collect()
     }
 
     /// Whether there is a reserve at any coordinate.

@@ -370,6 +370,8 @@ pub struct MuscleEntry {
     pub activation_steepness: Option<f64>,
     /// Force of a passive damper beside the fibre at the maximum shortening velocity, maximum isometric forces; 0 if absent.
     pub damping: Option<f64>,
+    /// Factor on the weight of its effort in the objective, not of min/max; 1 if absent.
+    pub effort_weight: Option<f64>,
     /// Width of the active force–length curve relative to the published one (`degroote_fregly_2016`); 1 if absent.
     pub active_width: Option<f64>,
     /// Strain of the fibre at a passive force of 1 (`degroote_fregly_2016`); 0.6 if absent.
@@ -1060,6 +1062,7 @@ impl MuscleEntry {
             deactivation_time: number("deactivation_time", self.deactivation_time, defaults.deactivation_time, "s")?,
             activation_steepness: self.activation_steepness,
             damping: self.damping,
+            effort_weight: self.effort_weight,
             active_width: self.active_width,
             passive_strain: self.passive_strain,
             tendon_strain: self.tendon_strain,

@@ -201,6 +201,26 @@ fn where_activation_dynamics_do_not_matter_a_prescribed_motion_has_the_static_lo
     }
 }
 
+/// A muscle whose effort weighs more carries less, and others more, by every method.
+#[test]
+fn a_muscle_with_a_larger_effort_weight_carries_less() {
+    let (model, table) = arm();
+    for method in [Method::Static, Method::Prescribed, Method::Dynamic] {
+        let settings = with(|s| (s.method, s.bounds, s.regularity) = (method, Bounds::BothBoxed, RegularityMode::Off));
+        let force = |weight: f64| {
+            let mut model = model.clone();
+            let biceps = model.muscles.iter_mut().find(|muscle| muscle.name == "biceps").unwrap();
+            biceps.effort_weight = weight;
+            let outcome = outcome_of(&model, &table, &settings);
+            assert_eq!(outcome.job.status, Status::Converged);
+            let of = |name: &str| outcome.muscles.iter().find(|row| row.muscle == name).unwrap().mean_force_n;
+            [of("biceps"), of("brachialis")]
+        };
+        let ([biceps, brachialis], [less, more]) = (force(1.0), force(4.0));
+        assert!(less < 0.8 * biceps && more > brachialis, "{method:?}: {biceps} {less}, {brachialis} {more}");
+    }
+}
+
 /// The same budget may be spent at any time, not at each instant in proportion to its own effort.
 #[test]
 fn near_optimal_ranges_over_time_hold_those_of_the_instants() {
