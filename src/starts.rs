@@ -41,7 +41,9 @@ impl<'s> Starts<'s> {
         let is_alone = warm.is_some() && settings.starts == 1;
         let first = if is_alone { None } else { guess() };
         if first.is_none() && !is_alone {
-            return Err((Status::NonFinite, "the start guess by inverse dynamics is not finite".to_owned()));
+            let reason = "the start guess by inverse dynamics is not finite: look at what `sinew run` warns of with method = \
+                          \"static\", such as fibres far from their optimal length; passive_forces = false leaves those out";
+            return Err((Status::NonFinite, reason.to_owned()));
         }
         Ok(Self { inverse, problem, settings, warm, first, guess })
     }

@@ -209,6 +209,7 @@ fn public_models_move_by_forces_about_their_default_pose() {
         "osim/thoracoscapular_plus_elbow.osim",
         "osim/field/das3.osim",
         "osim/field/mobl_arms_41.osim",
+        "osim/field/rat_hindlimb.osim",
         "walking/subject_walk_scaled.osim",
     ] {
         let Some(path) = shared(file) else { return };
@@ -230,8 +231,10 @@ fn public_models_move_by_forces_about_their_default_pose() {
         let motion = format!("time,{}\n{}", names.join(","), (0..=20).map(row).collect::<String>());
         let text = format!(
             "name = \"s\"\nmodel = \"{}\"\nmotion = \"motion.csv\"\n[base]\n\"body.*.role\" = \"free\"\nintervals = 8\n\
-             stages = 1\nmu = 0.1\nreserves = 100.0\nbounds = \"both_boxed\"\nregularity = \"off\"\n",
-            path.display()
+             stages = 1\nmu = 0.1\nreserves = 100.0\nbounds = \"both_boxed\"\nregularity = \"off\"\npassive_forces = {}\n",
+            path.display(),
+            // By its own numbers some of the rat's fibres are stretched to seven times their optimal length.
+            !file.contains("rat")
         );
         let outcome = outcome(&folder(&[("study.toml", &text), ("motion.csv", &motion)]));
         let degrees = outcome.job.tracking_rms_deg.unwrap();
