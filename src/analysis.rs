@@ -158,16 +158,7 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
     outcome.optima = optima(kkt, inverse, problem, &runs.optima, counter.as_mut(), known);
     outcome.job.n_distinct_optima = Some(outcome.optima.len() as i64);
     if converged && settings.near_optimal > 0.0 && !deadline.passed() {
-        let ranges = near_optimal::ranges(&solution, kkt, settings.near_optimal);
-        for (muscle, range) in outcome.muscles.iter_mut().zip(ranges) {
-            (muscle.mean_force_near_low_n, muscle.mean_force_near_high_n) =
-                range.map(|[low, high]| (low, high)).unzip();
-        }
-        let missing = outcome.muscles.iter().filter(|muscle| muscle.mean_force_near_low_n.is_none()).count();
-        outcome.job.remark = (missing > 0).then(|| {
-            let ranges = counted(missing, "near-optimal range");
-            format!("{ranges} missing: the quadratic model is not convex there, or there is no effort")
-        });
+        add_near_optimal(&mut outcome, kkt, &solution, settings.near_optimal);
     }
     if converged {
         add_changes(&mut outcome, context, kkt, &solution);
@@ -178,6 +169,20 @@ pub fn analyse(context: &SolvedProblem<'_>, kkt: &mut Kkt, runs: &Runs) -> Outco
         withdraw(&mut outcome);
     }
     outcome
+}
+
+/// Adds the ranges of mean forces at nearly the same cost, and a remark if some are missing.
+fn add_near_optimal(outcome: &mut Outcome, kkt: &mut Kkt, solution: &Solution<'_>, share: f64) {
+    let changes = near_optimal::changes(solution, kkt, share);
+    let missing = changes.iter().filter(|change| change.is_none()).count();
+    for (muscle, change) in outcome.muscles.iter_mut().zip(changes) {
+        let range = change.map(|[less, more]| (muscle.mean_force_n + less, muscle.mean_force_n + more));
+        (muscle.mean_force_near_low_n, muscle.mean_force_near_high_n) = range.unzip();
+    }
+    outcome.job.remark = (missing > 0).then(|| {
+        let ranges = counted(missing, "near-optimal range");
+        format!("{ranges} missing: the quadratic model is not convex there, or there is no effort")
+    });
 }
 
 /// Adds ranks and, if the run has converged, the intervals of mean activations and the verdicts on uniqueness.

@@ -46,10 +46,11 @@ macro_rules! choices {
         pub enum $name { $($(#[$variant_doc])* #[serde(rename = $text)] $variant),+ }
 
         impl $name {
+            pub const VARIANTS: &'static [Self] = &[$($name::$variant),+];
             pub const ALL: &'static [&'static str] = &[$($text),+];
 
             pub fn parse(text: &str) -> Option<Self> {
-                match text { $($text => Some($name::$variant),)+ _ => None }
+                Self::VARIANTS.iter().copied().find(|own| own.name() == text)
             }
 
             pub fn name(self) -> &'static str {

@@ -27,24 +27,18 @@ const TOLERANCE: f64 = 1e-6;
 /// Of the weight of the proximal term: the model must be convex with next to nothing of it.
 const MOST_DAMPING: f64 = 1e-5;
 
-/// Smallest and largest mean force (N) of each muscle; `share`: ε. `None` where the model is not strictly convex, a programme
-/// fails, or there is no effort.
-pub fn ranges(solution: &Solution<'_>, kkt: &mut Kkt, share: f64) -> Vec<Option<[f64; 2]>> {
+/// How much smaller and how much larger the mean force of each muscle could be, N; `share`: ε. `None` where the model is not
+/// strictly convex, a programme fails, or there is no effort.
+pub fn changes(solution: &Solution<'_>, kkt: &mut Kkt, share: f64) -> Vec<Option<[f64; 2]>> {
     let options = SqpOptions::default();
     let here: Iterate = solution.iterate.clone();
     let gradient = here.gradient.clone();
     let mut state = State::new(kkt, solution.problem, here, options.progress);
     state.models.begin(&solution.iterate.x);
     let room = share * solution.muscle_cost();
-    let slopes = solution.mean_force_gradients();
-    let means = solution.mean_forces();
     let mut search = Search { state, options, gradient, room };
-    let of = |(mean, slope): (f64, Vec<f64>)| {
-        let low = search.end(&slope, -1.0)?;
-        let high = search.end(&slope, 1.0)?;
-        Some([mean + low.min(0.0), mean + high.max(0.0)])
-    };
-    means.into_iter().zip(slopes).map(of).collect()
+    let of = |slope: &Vec<f64>| Some([search.end(slope, -1.0)?.min(0.0), search.end(slope, 1.0)?.max(0.0)]);
+    solution.mean_force_gradients().iter().map(of).collect()
 }
 
 struct Search<'s> {

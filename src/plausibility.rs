@@ -136,6 +136,7 @@ pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<W
     for (code, force, limit, words) in [
         ("overload", (|row| row.peak_force_n) as fn(&MuscleRow) -> f64, limits.overload, "N"),
         ("passive", |row| row.peak_passive_force_n, limits.passive, "N of passive force"),
+        ("pushing", |row| -row.min_force_n, PUSHING, "N of a tendon that pushes"),
     ] {
         if let Some((share, row)) = worst(&|m, row| times(force(row), m)).filter(|(share, _)| *share > limit) {
             let more = count(&|m, row| times(force(row), m) > limit);
@@ -159,11 +160,6 @@ pub fn of_answer(outcome: &Outcome, model: &Model, settings: &Settings) -> Vec<W
     if let Some((peak, row)) = worst(&|_, row| velocity(row)).filter(|(peak, _)| *peak > limits.fibre_velocity) {
         let more = count(&|_, row| velocity(row) > limits.fibre_velocity);
         warn("fibre_velocity", format!("{}{more}: up to {peak:.0} optimal fibre lengths per second", row.muscle));
-    }
-    let push = |m: usize, row: &MuscleRow| times(-row.min_force_n, m);
-    if let Some((share, row)) = worst(&push).filter(|(share, _)| *share > PUSHING) {
-        let more = count(&|m, row| push(m, row) > PUSHING);
-        warn("pushing", format!("{}{more}: down to -{share:.3} times the maximum isometric force", row.muscle));
     }
     let left_out = |row: &MuscleRow| row.left_out_share.unwrap_or(0.0);
     if let Some((share, row)) = worst(&|_, row| left_out(row)).filter(|(share, _)| *share > 0.0) {

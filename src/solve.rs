@@ -66,7 +66,9 @@ pub fn complete(task: Task<'_>, had: RegularityMode, solved: &Outcome) -> Option
         // No iterations: only the stored solution is analysed, in what is left of the time.
         let left = |limit: f64| (limit - solved.job.wall_s.unwrap_or(0.0)).max(0.0);
         let time_limit_s = task.settings.time_limit_s.map(left);
-        let settings = Settings { regularity, starts: 1, max_iterations: 0, time_limit_s, ..task.settings.clone() };
+        let trajectories = task.settings.trajectories;
+        let again = Settings { regularity, trajectories, ..only_solved(task.settings) };
+        let settings = Settings { max_iterations: 0, time_limit_s, ..again };
         let (again, _) =
             attempt(Task { settings: &settings, ..task }, StartFrom::Solution(solved.solution.as_ref()?), clock);
         if again.job.status != Status::Converged || again.job.iterations != Some(0) {
@@ -79,6 +81,12 @@ pub fn complete(task: Task<'_>, had: RegularityMode, solved: &Outcome) -> Option
     }
     outcome.job.wall_s = Some(solved.job.wall_s.unwrap_or(0.0) + clock.elapsed().as_secs_f64());
     Some(outcome)
+}
+
+/// The settings of a job whose answer alone is wanted, from one start.
+fn only_solved(settings: &Settings) -> Settings {
+    let settings = settings.clone();
+    Settings { starts: 1, regularity: RegularityMode::Off, trajectories: false, near_optimal: 0.0, ..settings }
 }
 
 /// Whether [`complete`] can turn an outcome with the regularity `had` into what `settings` ask for. Only the best
@@ -96,13 +104,7 @@ fn coarser(task: Task<'_>, clock: Clock) -> Option<Answer> {
     if task.settings.warm_start != WarmStart::Mesh || intervals % 2 == 1 || intervals / 2 < COARSE_INTERVALS {
         return None;
     }
-    let settings = Settings {
-        starts: 1,
-        regularity: RegularityMode::Off,
-        trajectories: false,
-        near_optimal: 0.0,
-        ..task.settings.clone()
-    };
+    let settings = only_solved(task.settings);
     attempt(Task { settings: &settings, points: intervals / 2 + 1, ..task }, StartFrom::Guess, clock).1
 }
 
@@ -112,9 +114,7 @@ fn without_excitations(task: Task<'_>, clock: Clock) -> Option<Answer> {
     if task.settings.method != Method::Prescribed || task.settings.effort_of != EffortOf::Excitation {
         return None;
     }
-    let plain =
-        Settings { regularity: RegularityMode::Off, trajectories: false, near_optimal: 0.0, ..task.settings.clone() };
-    let settings = Settings { starts: 1, effort_of: EffortOf::Activation, ..plain };
+    let settings = Settings { effort_of: EffortOf::Activation, ..only_solved(task.settings) };
     attempt(Task { settings: &settings, ..task }, StartFrom::Guess, clock).1
 }
 

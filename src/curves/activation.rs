@@ -1,6 +1,7 @@
 //! Activation dynamics: the rate ȧ = g(a, u) of an activation at an excitation.
 
 use crate::names::{choices, defaults};
+use crate::numerics::root::increasing_root;
 
 choices! {
     /// How activations follow excitations.
@@ -92,31 +93,15 @@ impl ActivationLaw {
             }
             ActivationDynamics::DegrooteFregly2016 => {
                 let [s, _] = slowness(a);
-                let slowest = (up / s).min(down * s);
-                self.solve(a, rate, 1.1 * rate / slowest)
+                // The rate is at least the slowest times the gap.
+                let far = a + 1.1 * rate / (up / s).min(down * s);
+                let precision = [4.0 * f64::EPSILON * rate.abs(), 1e-15];
+                increasing_root([a.min(far), a.max(far)], 0.5 * (a + far), precision, |u| {
+                    let found = self.rate(a, u);
+                    [found.value - rate, found.slopes[1]]
+                })
             }
         }
-    }
-
-    /// u between `a` and `a + far` with g(a, u) = rate: Newton's method, with bisection where a step leaves the bracket.
-    fn solve(&self, a: f64, rate: f64, far: f64) -> f64 {
-        let (mut low, mut high) = if far < 0.0 { (a + far, a) } else { (a, a + far) };
-        let mut u = 0.5 * (low + high);
-        for _ in 0..60 {
-            let found = self.rate(a, u);
-            let miss = found.value - rate;
-            if miss.abs() <= 4.0 * f64::EPSILON * rate.abs() || high - low <= 1e-15 {
-                break;
-            }
-            if miss > 0.0 {
-                high = u
-            } else {
-                low = u
-            }
-            let next = u - miss / found.slopes[1];
-            u = if next > low && next < high { next } else { 0.5 * (low + high) };
-        }
-        u
     }
 }
 

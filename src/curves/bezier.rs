@@ -2,6 +2,7 @@
 //! 2013, appendix).
 
 use super::Jet;
+use crate::numerics::root::increasing_root;
 
 /// A point with the slope of the curve there.
 #[derive(Clone, Copy, Debug)]
@@ -118,24 +119,13 @@ fn power(c: &[f64; 6], u: f64) -> [f64; 3] {
     found
 }
 
-/// u in [0, 1] at which an increasing polynomial has a value: Newton's method, with bisection where a step leaves the bracket.
+/// u in [0, 1] at which an increasing polynomial has a value.
 fn solve(c: &[f64; 6], value: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 1.0);
     let size = c.iter().sum::<f64>() - c[0];
-    let mut u = ((value - c[0]) / size).clamp(0.0, 1.0);
-    for _ in 0..60 {
+    let start = ((value - c[0]) / size).clamp(0.0, 1.0);
+    let precision = [2.0 * f64::EPSILON * size.abs(), f64::EPSILON];
+    increasing_root([0.0, 1.0], start, precision, |u| {
         let [found, slope, _] = power(c, u);
-        let miss = found - value;
-        if miss.abs() <= 2.0 * f64::EPSILON * size.abs() || high - low <= f64::EPSILON {
-            break;
-        }
-        if miss > 0.0 {
-            high = u
-        } else {
-            low = u
-        }
-        let next = u - miss / slope;
-        u = if next > low && next < high { next } else { 0.5 * (low + high) };
-    }
-    u
+        [found - value, slope]
+    })
 }

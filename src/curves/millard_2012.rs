@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bezier::{BezierCurve, knot};
 use super::{Curves, Jet};
+use crate::numerics::root::increasing_root;
 
 /// What shapes the curves of a muscle (`millard_2012`).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -200,22 +201,10 @@ impl Curves for Millard2012 {
 impl Millard2012 {
     /// The strain at which plain curve and line add up to `sum` > 0: between 0 and that of the plain curve alone.
     fn solve(&self, sum: f64) -> f64 {
-        let (mut low, mut high) = (0.0, self.tendon.inverse(sum).min(sum / SLACK_SLOPE));
-        let mut strain = high;
-        for _ in 0..60 {
+        let most = self.tendon.inverse(sum).min(sum / SLACK_SLOPE);
+        increasing_root([0.0, most], most, [4.0 * f64::EPSILON * sum, f64::EPSILON * most], |strain| {
             let plain = self.tendon.at(strain);
-            let miss = plain.value + SLACK_SLOPE * strain - sum;
-            if miss.abs() <= 4.0 * f64::EPSILON * sum || high - low <= f64::EPSILON * high {
-                break;
-            }
-            if miss > 0.0 {
-                high = strain
-            } else {
-                low = strain
-            }
-            let next = strain - miss / (plain.first + SLACK_SLOPE);
-            strain = if next > low && next < high { next } else { 0.5 * (low + high) };
-        }
-        strain
+            [plain.value + SLACK_SLOPE * strain - sum, plain.first + SLACK_SLOPE]
+        })
     }
 }

@@ -89,9 +89,6 @@ impl MuscleCurves {
 mod tests {
     use super::*;
 
-    const FAMILIES: [MuscleCurves; 3] =
-        [MuscleCurves::Thesis, MuscleCurves::DegrooteFregly2016, MuscleCurves::Millard2012];
-
     /// Compares the derivatives of a curve with differences, except next to `kinks`, where its second derivative jumps.
     fn check(curve: &dyn Fn(f64) -> Jet, [from, to]: [f64; 2], kinks: &[f64]) {
         let (step, count) = (1e-6, 337);
@@ -109,7 +106,7 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_differences() {
-        for family in FAMILIES {
+        for &family in MuscleCurves::VARIANTS {
             let mut shape = Shape::default();
             shape.degroote.active_width = 1.3;
             let own = family.with(&shape);
@@ -122,7 +119,7 @@ mod tests {
 
     #[test]
     fn tendon_curves_are_inverted() {
-        for family in FAMILIES {
+        for &family in MuscleCurves::VARIANTS {
             let own = family.with(&Shape::default());
             for force in [-0.3, -0.01, 0.0, 1e-6, 1e-3, 0.02, 0.1, 0.3, 0.7, 1.0, 1.5] {
                 let strain = own.tendon_strain(force).value;

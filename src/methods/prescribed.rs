@@ -72,8 +72,8 @@ pub fn problem<'m>(model: &'m Model, settings: &Settings, given: &Arc<GivenMotio
                 problem.block(Activation { muscle, activation, rate, excitation, row, step_weight });
             }
             None => {
-                let (lower, upper) = (lower.at(m), upper.at(m));
-                problem.block(ExcitationRange { muscle, least, activation, rate, lower, upper });
+                let rows = [lower.at(m), upper.at(m)];
+                problem.block(ExcitationRange::new(muscle, least, [activation, rate], rows));
             }
         }
     }

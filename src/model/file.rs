@@ -175,6 +175,22 @@ pub struct ForceEntry {
     pub moment: f64,
 }
 
+impl MuscleEntry {
+    fn fibre(&self) -> FibreEntry {
+        FibreEntry {
+            activation_time: self.activation_time,
+            deactivation_time: self.deactivation_time,
+            activation_steepness: self.activation_steepness,
+            damping: self.damping,
+            effort_weight: self.effort_weight,
+            active_width: self.active_width,
+            passive_strain: self.passive_strain,
+            tendon_strain: self.tendon_strain,
+            millard: self.millard,
+        }
+    }
+}
+
 impl ModelFile {
     /// The JSON Schema of a planar model file.
     pub fn schema() -> serde_json::Value {
@@ -406,18 +422,7 @@ impl ModelFile {
                 "origin and insertion must be on different bodies for the muscle to act on a joint",
             ));
         }
-        let fibre = FibreEntry {
-            activation_time: m.activation_time,
-            deactivation_time: m.deactivation_time,
-            activation_steepness: m.activation_steepness,
-            damping: m.damping,
-            effort_weight: m.effort_weight,
-            active_width: m.active_width,
-            passive_strain: m.passive_strain,
-            tendon_strain: m.tendon_strain,
-            millard: m.millard,
-        };
-        let fibre = fibre.check(&m.name, self.curves.activation_dynamics, force_velocity)?;
+        let fibre = m.fibre().check(&m.name, self.curves.activation_dynamics, force_velocity)?;
         Ok(Musculotendon {
             name: m.name.clone(),
             max_isometric_force: m.max_isometric_force,

@@ -110,8 +110,7 @@ impl Musculotendon {
 
     /// sin α_o, the thickness in L_o of a muscle that keeps it; `None` if it keeps its angle.
     fn thickness(&self) -> Option<f64> {
-        let thickness = self.pennation_angle.sin();
-        (self.curves.keeps_thickness() && thickness > 0.0).then_some(thickness)
+        (self.curves.keeps_thickness() && self.pennation_angle > 0.0).then(|| self.pennation_angle.sin())
     }
 
     /// Length of a fibre at [`LEAST_COS`].
@@ -271,15 +270,12 @@ pub(crate) mod tests {
         }
     }
 
-    const FAMILIES: [MuscleCurves; 3] =
-        [MuscleCurves::Thesis, MuscleCurves::DegrooteFregly2016, MuscleCurves::Millard2012];
-
     #[test]
     fn fibre_force_derivatives_agree_with_differences() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         for trial in 0..300 {
             let mut muscle = muscle();
-            muscle.set_curves(FAMILIES[trial % 3]);
+            muscle.set_curves(MuscleCurves::VARIANTS[trial % 3]);
             let x = [rng.random_range(0.0..1.0), rng.random_range(0.5..1.5), rng.random_range(-2.0..2.0)];
             if f64::abs(x[2]) < 1e-3 {
                 continue;
@@ -304,7 +300,7 @@ pub(crate) mod tests {
 
     #[test]
     fn eq_3_has_its_slopes_with_each_pennation() {
-        for (family, rigid) in FAMILIES.into_iter().flat_map(|family| [(family, false), (family, true)]) {
+        for (family, rigid) in MuscleCurves::VARIANTS.iter().flat_map(|&family| [(family, false), (family, true)]) {
             let mut muscle = muscle();
             (muscle.pennation_angle, muscle.rigid_tendon) = (0.6, rigid);
             muscle.set_curves(family);
@@ -323,7 +319,7 @@ pub(crate) mod tests {
 
     #[test]
     fn a_fibre_fills_what_its_tendon_leaves_with_each_pennation() {
-        for family in FAMILIES {
+        for &family in MuscleCurves::VARIANTS {
             let mut muscle = muscle();
             muscle.pennation_angle = 0.6;
             muscle.set_curves(family);

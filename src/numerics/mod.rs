@@ -6,6 +6,7 @@ pub mod bspline;
 pub mod cubic;
 mod memo;
 pub mod rank;
+pub mod root;
 pub mod sparse;
 pub mod spectrum;
 pub mod staged;

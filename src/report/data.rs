@@ -157,8 +157,8 @@ fn columns(table: &Table, rows: usize) -> Json {
 
 /// The muscle curves of each family with default parameters; those of the thesis as in its Figures 2 to 4.
 fn curves() -> Json {
-    let families = MuscleCurves::ALL.iter().filter_map(|name| Some((name, MuscleCurves::parse(name)?)));
-    let families: Vec<_> = families.map(|(name, family)| (name, family.with(&Shape::default()))).collect();
+    let families = MuscleCurves::VARIANTS.iter().map(|family| (family.name(), family.with(&Shape::default())));
+    let families: Vec<_> = families.collect();
     let figure =
         |title: &str, figure: &str, [x, y]: [&str; 2], [from, to]: [f64; 2], of: fn(&dyn Curves, f64) -> f64| {
             let series = families.iter().map(|(name, family)| {

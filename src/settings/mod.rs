@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use value::{choice, flag, integer, number};
 
 use crate::curves::{ActivationDynamics, MuscleCurves};
+use crate::entries::is_default;
 use crate::error::nearest;
 use crate::model::Model;
 use crate::model::musculotendon::Musculotendon;
@@ -152,10 +153,6 @@ fn is_zero(value: &f64) -> bool {
 
 fn is_true(value: &bool) -> bool {
     *value
-}
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }
 
 fn is_two(value: &f64) -> bool {

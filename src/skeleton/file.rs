@@ -967,6 +967,20 @@ impl SurfaceEntry {
 }
 
 impl MuscleEntry {
+    fn fibre(&self, [activation_time, deactivation_time]: [f64; 2]) -> FibreEntry {
+        FibreEntry {
+            activation_time,
+            deactivation_time,
+            activation_steepness: self.activation_steepness,
+            damping: self.damping,
+            effort_weight: self.effort_weight,
+            active_width: self.active_width,
+            passive_strain: self.passive_strain,
+            tendon_strain: self.tendon_strain,
+            millard: self.millard,
+        }
+    }
+
     /// Checks that no two successive points coincide, which would leave the path's direction undefined.
     fn check_points_differ(&self) -> Checked<()> {
         let Some(k) = self.path.windows(2).position(|pair| pair[1].repeats(&pair[0])) else { return Ok(()) };
@@ -1057,24 +1071,17 @@ impl MuscleEntry {
             }
             Ok(Obstacle { surface: find("surface", &names.surfaces, name, &place("surfaces"))?, parts })
         };
-        let fibre = FibreEntry {
-            activation_time: number("activation_time", self.activation_time, defaults.activation_time, "s")?,
-            deactivation_time: number("deactivation_time", self.deactivation_time, defaults.deactivation_time, "s")?,
-            activation_steepness: self.activation_steepness,
-            damping: self.damping,
-            effort_weight: self.effort_weight,
-            active_width: self.active_width,
-            passive_strain: self.passive_strain,
-            tendon_strain: self.tendon_strain,
-            millard: self.millard,
-        };
+        let times = [
+            number("activation_time", self.activation_time, defaults.activation_time, "s")?,
+            number("deactivation_time", self.deactivation_time, defaults.deactivation_time, "s")?,
+        ];
         Ok(Muscle {
             name: self.name.clone(),
             max_isometric_force: self.max_isometric_force,
             optimal_fibre_length: self.optimal_fibre_length,
             tendon_slack_length: self.tendon_slack_length,
             pennation_angle: self.pennation_angle,
-            fibre: fibre.check(&self.name, curves.activation_dynamics, force_velocity)?,
+            fibre: self.fibre(times).check(&self.name, curves.activation_dynamics, force_velocity)?,
             curves: curves.family,
             max_shortening_velocity: number(
                 "max_shortening_velocity",

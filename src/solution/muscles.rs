@@ -39,46 +39,35 @@ impl Solution<'_> {
 
     /// Derivative of each muscle's mean force (N) along a direction.
     pub fn mean_force_slopes(&self, direction: &[f64]) -> Vec<f64> {
-        let duration = self.duration();
         let mut slopes = vec![0.0; self.model().muscles.len()];
-        for (j, weight) in self.problem.scheme.quadrature().into_iter().enumerate() {
-            if !self.problem.points[j].complete {
-                continue;
-            }
-            let z = self.problem.local(j, &self.iterate.x);
-            let dz = self.problem.local_change(j, direction);
-            for (m, muscle) in self.model().muscles.iter().enumerate() {
-                let change = self.inverse.forces[m].change(&z, &dz);
-                slopes[m] += weight / duration * muscle.max_isometric_force * change;
-            }
-        }
+        self.each_mean_force_slope(|m, index, slope| slopes[m] += slope * direction[index]);
         slopes
     }
 
     /// The gradient of each muscle's mean force, N per entry of x.
     pub fn mean_force_gradients(&self) -> Vec<Vec<f64>> {
-        let duration = self.duration();
         let mut gradients = vec![vec![0.0; self.iterate.x.len()]; self.model().muscles.len()];
+        self.each_mean_force_slope(|m, index, slope| gradients[m][index] += slope);
+        gradients
+    }
+
+    /// Hands over the parts of which those gradients are the sums: the muscle, the entry of x, and the slope.
+    fn each_mean_force_slope(&self, mut add: impl FnMut(usize, usize, f64)) {
+        let duration = self.duration();
         for (j, weight) in self.problem.scheme.quadrature().into_iter().enumerate() {
             let point = &self.problem.points[j];
             if !point.complete {
                 continue;
             }
             let z = self.problem.local(j, &self.iterate.x);
-            for (gradient, force) in gradients.iter_mut().zip(&self.inverse.forces) {
+            for (m, force) in self.inverse.forces.iter().enumerate() {
                 let unit = weight / duration * force.muscle().max_isometric_force;
                 for (variable, slope) in force.slopes(&z) {
-                    let terms = &point.map.combinations[variable];
-                    terms.iter().for_each(|&(index, weight)| gradient[index] += unit * slope * weight);
+                    let terms = point.map.combinations[variable].iter();
+                    terms.for_each(|&(index, weight)| add(m, index, unit * slope * weight));
                 }
             }
         }
-        gradients
-    }
-
-    /// Each muscle's mean force, N.
-    pub fn mean_forces(&self) -> Vec<f64> {
-        self.muscle_rows().into_iter().map(|row| row.mean_force_n).collect()
     }
 
     /// The muscles' part of the objective: what it falls by without activations and excitations.

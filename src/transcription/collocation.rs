@@ -70,7 +70,6 @@ impl<'p> Collocation<'p> {
             bound_starts.push(bounds.len());
             row_starts.push(row_starts[j] + point.rows.len());
         }
-        let of_points: Vec<usize> = (0..points.len()).map(|j| scheme.stage(j)).collect();
         let equalities = equalities(control, &points, &linear, &row_starts, n);
         let inequalities = inequalities(control, &points, &bounds, n);
         let hessian = hessian(control, &points, &objective);
@@ -79,7 +78,7 @@ impl<'p> Collocation<'p> {
             maps.flat_map(|(k, terms)| terms.iter().map(move |&(index, weight)| (index, k, weight))).collect();
         Self {
             maps: Sparse::from_triplets(n, control.variables() * points.len(), &triplets),
-            stages: stages(&points, &of_points, &linear, &bounds, n),
+            stages: stages(&points, &linear, &bounds, n),
             units: units(control, &points, n),
             control,
             scheme,
@@ -150,7 +149,7 @@ fn points(control: &ControlProblem<'_>, scheme: &dyn Discretisation) -> Vec<Poin
     let point = |j: usize| {
         let complete = scheme.is_complete(j);
         let rows = if complete { all.clone() } else { constraints.clone() };
-        Point { map: LocalMap::new(control, scheme, scheme.point(j)), rows, complete }
+        Point { map: LocalMap::new(control, scheme, scheme.point(j)), rows, complete, stage: scheme.stage(j) }
     };
     (0..scheme.points().len()).map(point).collect()
 }

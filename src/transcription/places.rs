@@ -15,6 +15,8 @@ pub struct Point {
     pub rows: Arc<[usize]>,
     /// Whether every variable has a value here, or only values of states.
     pub complete: bool,
+    /// See [`Discretisation::stage`](super::scheme::Discretisation::stage).
+    pub stage: usize,
 }
 
 /// Which inequality a row is: a limit of the problem at a point.
@@ -27,7 +29,7 @@ pub struct Bound {
 /// (local entry, slot in the sparse values, factor)
 pub type Scatter = Vec<(u32, u32, f64)>;
 
-/// The stage of each unknown, equality and inequality; see `Discretisation::stage`. 0: initial values.
+/// The stage of each unknown, equality and inequality.
 pub struct Stages {
     pub variables: Vec<usize>,
     pub equalities: Vec<usize>,
@@ -198,19 +200,18 @@ fn rows_of(matrix: &Sparse) -> Vec<Combination> {
     rows
 }
 
-/// `of_points`: the stage of each point.
-pub fn stages(points: &[Point], of_points: &[usize], linear: &[Combination], bounds: &[Bound], n: usize) -> Stages {
+pub fn stages(points: &[Point], linear: &[Combination], bounds: &[Bound], n: usize) -> Stages {
     // Each unknown belongs to the first point that has it, where the equations say what it is.
     let mut variables = vec![0; n];
-    for (k, point) in points.iter().enumerate().rev() {
-        point.map.combinations.iter().flatten().for_each(|&(i, _)| variables[i] = of_points[k]);
+    for point in points.iter().rev() {
+        point.map.combinations.iter().flatten().for_each(|&(i, _)| variables[i] = point.stage);
     }
     let first = |row: &Combination| row.iter().map(|&(i, _)| variables[i]).min().unwrap_or(0);
     let mut equalities: Vec<usize> = linear.iter().map(first).collect();
-    for (k, point) in points.iter().enumerate() {
-        equalities.extend(std::iter::repeat_n(of_points[k], point.rows.len()));
+    for point in points {
+        equalities.extend(std::iter::repeat_n(point.stage, point.rows.len()));
     }
-    Stages { variables, equalities, inequalities: bounds.iter().map(|bound| of_points[bound.point]).collect() }
+    Stages { variables, equalities, inequalities: bounds.iter().map(|bound| points[bound.point].stage).collect() }
 }
 
 pub fn units(control: &ControlProblem<'_>, points: &[Point], n: usize) -> Vec<f64> {

@@ -31,8 +31,6 @@ fn with(change: impl FnOnce(&mut Settings)) -> Settings {
     settings
 }
 
-const FAMILIES: [MuscleCurves; 3] = [MuscleCurves::Thesis, MuscleCurves::DegrooteFregly2016, MuscleCurves::Millard2012];
-
 const KINDS: [(Method, MuscleDynamics, EffortOf); 8] = [
     (Method::Dynamic, MuscleDynamics::Full, EffortOf::Activation),
     (Method::Dynamic, MuscleDynamics::Force, EffortOf::Activation),
@@ -68,7 +66,7 @@ fn signal(outcome: &Outcome, signal: &str, name: &str) -> Vec<(f64, f64)> {
 fn equations_of_every_method_have_their_derivatives() {
     let (model, table) = arm();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-    let models = FAMILIES.map(|family| with_curves(&model, family));
+    let models: Vec<Model> = MuscleCurves::VARIANTS.iter().map(|&family| with_curves(&model, family)).collect();
     for (model, (method, dynamics, effort)) in models.iter().flat_map(|model| KINDS.map(|kind| (model, kind))) {
         let settings = with(|s| {
             (s.method, s.muscle_dynamics, s.effort_of) = (method, dynamics, effort);
@@ -312,7 +310,7 @@ fn random_arms_are_solved_by_every_method_or_certified_infeasible() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(200);
     let (mut converged, mut infeasible, mut all) = (0, 0, 0);
     for round in 0..50 {
-        let mut model = with_curves(&model, FAMILIES[round % 3]);
+        let mut model = with_curves(&model, MuscleCurves::VARIANTS[round % 3]);
         for muscle in &mut model.muscles {
             muscle.max_isometric_force *= rng.random_range(0.3..3.0);
             muscle.optimal_fibre_length *= rng.random_range(0.9..1.1);
@@ -498,6 +496,18 @@ fn a_walking_trial_has_opensims_activations_where_strengths_are_opensims() {
     assert!(inside > 40 && wide > 30, "{inside} {wide}");
 }
 
+/// A signal between its points.
+fn interpolated(signal: &[(f64, f64)], t: f64) -> f64 {
+    let after = signal.partition_point(|point| point.0 < t).clamp(1, signal.len() - 1);
+    let [(t0, a0), (t1, a1)] = [signal[after - 1], signal[after]];
+    a0 + (a1 - a0) * (t - t0) / (t1 - t0)
+}
+
+fn rms(differences: impl Iterator<Item = f64>) -> f64 {
+    let squares: Vec<f64> = differences.map(|difference| difference * difference).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
 /// OpenSim takes the force along the fibre for that along the tendon, and has other paths of gastrocnemius lateralis.
 #[test]
 fn a_walking_trial_with_millards_curves_is_near_opensims_static_optimisation() {
@@ -516,15 +526,9 @@ fn a_walking_trial_with_millards_curves_is_near_opensims_static_optimisation() {
     let is_muscle = |name: &str| model.muscles.iter().any(|muscle| muscle.name == name);
     for (place, name) in walk.muscles.iter().enumerate().filter(|(_, name)| is_muscle(name)) {
         let own = signal(&outcome, "activation", name);
-        let at = |t: f64| {
-            let after = own.partition_point(|point| point.0 < t).clamp(1, own.len() - 1);
-            let [(t0, a0), (t1, a1)] = [own[after - 1], own[after]];
-            a0 + (a1 - a0) * (t - t0) / (t1 - t0)
-        };
         // The first instant of the job is one sixth of a mesh interval after that of the trial.
         let pairs = walk.instants.iter().zip(&walk.activations).skip(2);
-        let squares: Vec<f64> = pairs.map(|(&t, row)| (at(t) - row[place]).powi(2)).collect();
-        all.push(((squares.iter().sum::<f64>() / squares.len() as f64).sqrt(), name));
+        all.push((rms(pairs.map(|(&t, row)| interpolated(&own, t) - row[place])), name));
     }
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
     println!("RMS differences of activations with millard_2012:");
@@ -574,19 +578,18 @@ fn strengths_by_millards_curves_are_opensims() {
         (muscle.rigid_tendon, muscle.damping) = (true, 0.0);
         muscle.set_curves(MuscleCurves::Millard2012);
         let place = walk.muscles_with_strength.iter().position(|name| *name == muscle.name).unwrap();
-        let (mut squares, mut largest) = (0.0, 0.0f64);
-        for (k, &time) in walk.instants.iter().enumerate() {
+        let largest = walk.strengths.iter().fold(0.0f64, |largest, row| largest.max(row[place]));
+        let errors = walk.instants.iter().enumerate().map(|(k, &time)| {
             let [length, rate] = given.at(time - 0.48).paths[m];
             let [none, full] = muscle.force_range(length, rate);
             // OpenSim's static optimisation takes the force along the fibre for that along the tendon.
             let sin = muscle.pennation_angle.sin() / muscle.fibre_length(length, 0.0);
             let strength = muscle.max_isometric_force * (full - none) / (1.0 - sin * sin).sqrt();
-            squares += (strength - walk.strengths[k][place]).powi(2);
-            largest = largest.max(walk.strengths[k][place]);
-        }
-        let rms = (squares / walk.instants.len() as f64).sqrt() / largest;
-        if rms > worst.0 && !passes_through_a_cylinder(&muscle.name) {
-            worst = (rms, muscle.name.clone());
+            strength - walk.strengths[k][place]
+        });
+        let share = rms(errors) / largest;
+        if share > worst.0 && !passes_through_a_cylinder(&muscle.name) {
+            worst = (share, muscle.name.clone());
         }
     }
     println!("largest RMS difference of a strength: {:.2} % of its peak, {}", 100.0 * worst.0, worst.1);
@@ -634,13 +637,7 @@ fn a_prescribed_walk_has_the_answer_of_moco_inverse() {
         let Some(muscle) = name.strip_suffix("/activation") else { continue };
         let own = signal(&outcome, "activation", muscle);
         let start = own[0].0;
-        let at = |t: f64| {
-            let after = own.partition_point(|point| point.0 < t).clamp(1, own.len() - 1);
-            let [(t0, a0), (t1, a1)] = [own[after - 1], own[after]];
-            a0 + (a1 - a0) * (t - t0) / (t1 - t0)
-        };
-        let squares: Vec<f64> = rows[3..].iter().map(|row| (at(row[0] - 0.48 + start) - row[column]).powi(2)).collect();
-        all.push((squares.iter().sum::<f64>() / squares.len() as f64).sqrt());
+        all.push(rms(rows[3..].iter().map(|row| interpolated(&own, row[0] - 0.48 + start) - row[column])));
     }
     all.sort_by(f64::total_cmp);
     let (effort, median, worst) = (outcome.job.control_effort.unwrap(), all[all.len() / 2], all[all.len() - 1]);
@@ -654,7 +651,6 @@ fn a_prescribed_walk_with_elastic_tendons_converges() {
     let Some(outcome) = fitted_walk("stages = 2\n") else { return };
     let job = &outcome.job;
     assert!(job.feasibility.unwrap() < 1e-8 && job.stationarity.unwrap() < 1e-8);
-    // Each fibre balances its tendon at each point, by curves that did not produce it.
     let soleus = |name: &str| signal(&outcome, name, "soleus_r");
     let (force, length) = (soleus("force_n"), soleus("fibre_length"));
     assert!(length.iter().all(|(_, l)| (0.4..1.6).contains(l)) && force.iter().all(|(_, f)| *f >= -1e-6));

@@ -55,5 +55,5 @@ fn mesh_continuation_ends_where_a_cold_start_does_in_no_more_iterations() {
     };
     let (cold, warm) = (run(WarmStart::Off), run(WarmStart::Mesh));
     assert!((cold.objective.unwrap() / warm.objective.unwrap() - 1.0).abs() < 1e-6);
-    assert!(2 * warm.iterations.unwrap() <= cold.iterations.unwrap(), "{warm:?} {cold:?}");
+    assert!(warm.iterations.unwrap() <= 6, "{:?} after {:?} cold", warm.iterations, cold.iterations);
 }

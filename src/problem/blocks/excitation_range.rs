@@ -13,28 +13,39 @@ use crate::model::Musculotendon;
 use crate::problem::block::{Block, Order, Sink};
 
 pub struct ExcitationRange<'m> {
-    pub muscle: &'m Musculotendon,
-    /// u_min
-    pub least: f64,
-    pub activation: usize,
-    pub rate: usize,
-    /// Rows of the two functions.
-    pub lower: usize,
-    pub upper: usize,
+    muscle: &'m Musculotendon,
+    activation: usize,
+    rate: usize,
+    functions: [Function; 2],
 }
 
-impl ExcitationRange<'_> {
-    /// The row, excitation, sign, and 1/c of both functions.
-    fn functions(&self) -> [(usize, f64, f64, f64); 2] {
-        let law = &self.muscle.activation;
-        [(self.lower, self.least, 1.0), (self.upper, 1.0, -1.0)]
-            .map(|(row, u, sign)| (row, u, sign, -1.0 / law.rate(u, u).slopes[0]))
+/// One of the two functions: its row, excitation, sign, and 1/c.
+struct Function {
+    row: usize,
+    excitation: f64,
+    sign: f64,
+    time: f64,
+}
+
+impl<'m> ExcitationRange<'m> {
+    /// `least`: u_min; `rows` of the two functions.
+    pub fn new(
+        muscle: &'m Musculotendon,
+        least: f64,
+        [activation, rate]: [usize; 2],
+        [lower, upper]: [usize; 2],
+    ) -> Self {
+        let function = |row, excitation, sign| {
+            let time = -1.0 / muscle.activation.rate(excitation, excitation).slopes[0];
+            Function { row, excitation, sign, time }
+        };
+        Self { muscle, activation, rate, functions: [function(lower, least, 1.0), function(upper, 1.0, -1.0)] }
     }
 }
 
 impl Block for ExcitationRange<'_> {
     fn evaluate(&self, z: &[f64], out: &mut Sink<'_>) {
-        for (row, excitation, sign, time) in self.functions() {
+        for &Function { row, excitation, sign, time } in &self.functions {
             let rate = self.muscle.activation.rate(z[self.activation], excitation);
             out.value(row, sign * time * (z[self.rate] - rate.value));
             out.slope(row, self.rate, sign * time);
